@@ -4,9 +4,7 @@
 //! law, `growth per mm = 1 / d2` with a fixed lens; and from `d2 = f (1 + M)`, with the magnification M from the target
 //! pitch. The focal length that a camera writes into its files is neither.
 
-use crate::types::calibration_options::CalibrationOptions;
-use crate::types::profile::CaptureMode;
-use crate::types::report::CameraReport;
+use crate::types::{calibration_options::CalibrationOptions, profile::CaptureMode, report::CameraReport};
 
 /// Measured quantities.
 #[derive(Debug, Clone, Copy, Default)]

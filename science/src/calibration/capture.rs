@@ -8,8 +8,7 @@
 //!   a moving lens.
 
 use super::statistics::{median, median_of, range};
-use crate::types::profile::CaptureMode;
-use crate::types::report::CaptureReport;
+use crate::types::{profile::CaptureMode, report::CaptureReport};
 
 /// The scale of one measured slice.
 #[derive(Debug, Clone, Copy)]

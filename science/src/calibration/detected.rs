@@ -3,14 +3,13 @@
 
 use std::collections::BTreeMap;
 
-use super::coarse_registration::SimilarityMotion;
 use super::code::{Identity, RecognisedCode};
-use super::detection::MAX_DOTS;
-use super::dot_photometry::DotBrightness;
-use super::flat_field::Polarity;
 use super::identity::{Fingerprint, MAX_BYTES, MAX_CELLS};
 use super::lattice::{Label, Places};
-use super::statistics::median_point;
+use super::{
+    coarse_registration::SimilarityMotion, detection::MAX_DOTS, dot_photometry::DotBrightness, flat_field::Polarity,
+    statistics::median_point,
+};
 
 /// Most memory that is kept of a slice after its detection, bytes: the fingerprint, the measured dots and the places of
 /// the known ones. Nodes of a map are two thirds full on average.

@@ -13,10 +13,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::blur;
-use super::detected::Detection;
-use super::statistics::median_of;
-use super::tracked::Tracked;
+use super::{blur, detected::Detection, statistics::median_of, tracked::Tracked};
 
 /// Share of the strongest modulation below which the shift matters.
 const WEAK: f64 = 0.3;

@@ -4,8 +4,7 @@
 //! squares. The geometry of a calibration is that of green, so lateral colour does not bias it. Fusion corrects it.
 
 use super::detected::{Detection, Expected, Target};
-use super::detection;
-use super::statistics::median_of;
+use super::{detection, statistics::median_of};
 use crate::imaging::{Raster, Samples};
 use crate::types::lateral_colour::{ColourDisplacement, LateralColour};
 use crate::types::{Cancelled, Control};

@@ -2,8 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::dlt;
-use super::statistics::median;
+use super::{dlt, statistics::median};
 
 /// Column and row of a dot in the grid. The origin and the direction of the columns are arbitrary, but the same for all
 /// slices of a stack.

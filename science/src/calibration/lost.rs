@@ -3,9 +3,7 @@
 //! Blur is the usual reason, and a target with a coarser grid the usual answer. A slice that is black, blank,
 //! over-exposed or of another target needs another answer. A slice between sharp slices is not lost by blur.
 
-use super::detected::Detection;
-use super::detection::Diagnosis;
-use super::tracked::Tracked;
+use super::{detected::Detection, detection::Diagnosis, tracked::Tracked};
 
 /// The reason why a slice was not measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

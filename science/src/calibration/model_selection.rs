@@ -13,12 +13,9 @@
 //! part; residuals below 0.01 px count as 0.01 px), and the residual of held-out dots in blocks of 3 x 3 (neighbours
 //! share pixels, so single dots would not be independent).
 
-use super::lattice::Label;
-use super::rail_fit::RailFit;
 use super::transform_models::{self, Match, Parameters, TransformModel};
-use crate::types::calibration_options::ModelChoice;
-use crate::types::profile::HomographyModel;
-use crate::types::report::ModelCandidate;
+use super::{lattice::Label, rail_fit::RailFit};
+use crate::types::{calibration_options::ModelChoice, profile::HomographyModel, report::ModelCandidate};
 
 /// The inliers of one slice.
 #[derive(Debug, Clone, Default)]

@@ -1,10 +1,7 @@
 //! The result of a calibration: one homography, one gain and the measured dots of every slice, with findings and report.
 
-use crate::types::Warning;
-use crate::types::distortion::Distortion;
-use crate::types::lateral_colour::LateralColour;
 use crate::types::profile::{CaptureMode, HomographyModel, ProfileSlice};
-use crate::types::report::CalibrationReport;
+use crate::types::{Warning, distortion::Distortion, lateral_colour::LateralColour, report::CalibrationReport};
 
 /// How a dot was used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,7 +1,6 @@
 //! Recognises an image of a dot target.
 
-use super::detection;
-use super::statistics::range;
+use super::{detection, statistics::range};
 use crate::{
     imaging::{Raster, thumbnail},
     types::{Cancelled, Control},

@@ -1,8 +1,6 @@
 //! The tint of a slice: red and blue light over green light, by which slices with another white balance are named.
 
-use super::detected::Detection;
-use super::dot_photometry::to_light;
-use super::statistics::range;
+use super::{detected::Detection, dot_photometry::to_light, statistics::range};
 use crate::imaging::{Raster, Samples};
 
 /// Pixels that are read per slice, along each axis; fewer than twice as many in slices that are not a multiple of it.

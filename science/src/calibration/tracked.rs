@@ -1,10 +1,7 @@
 //! The tracked grid: the dots of all slices, with what they have in common.
 
-use super::blur;
 use super::detected::{Detection, Target};
-use super::detection::Diagnosis;
-use super::identity::Labelling;
-use super::lateral_colour::MeasuredColours;
+use super::{blur, detection::Diagnosis, identity::Labelling, lateral_colour::MeasuredColours};
 
 /// The grid in all slices.
 #[derive(Debug)]

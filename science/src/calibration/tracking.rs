@@ -5,16 +5,12 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::coarse_registration::SimilarityMotion;
 use super::detected::{Detection, Expected, Target};
 use super::detection::{self, Diagnosis};
-use super::identity;
-use super::lateral_colour;
-use super::lattice::Places;
-use super::names::first_names;
-use super::statistics::median_of;
-use super::tint;
-use super::tracked::Tracked;
+use super::{
+    coarse_registration::SimilarityMotion, identity, lateral_colour, lattice::Places, names::first_names,
+    statistics::median_of, tint, tracked::Tracked,
+};
 use crate::imaging::{Raster, Slices};
 use crate::types::error::ErrorLocation;
 use crate::types::{Control, Error, ErrorKind, Interrupted};

@@ -7,8 +7,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3};
 
-use crate::types::Homography;
-use crate::types::profile::HomographyModel;
+use crate::types::{Homography, profile::HomographyModel};
 
 /// A transform model with parameters of its own per slice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -98,17 +97,8 @@ impl Frame {
     /// The homography slice px -> reference px: the inverse of the transform with these parameters.
     pub(super) fn homography(&self, p: &Parameters) -> Option<Homography> {
         let map = Matrix3::new(1.0 + p[0], p[1], p[2], p[3], 1.0 + p[4], p[5], p[6], p[7], 1.0);
-        let to_unit = Matrix3::new(
-            1.0 / self.half,
-            0.0,
-            -self.centre[0] / self.half,
-            0.0,
-            1.0 / self.half,
-            -self.centre[1] / self.half,
-            0.0,
-            0.0,
-            1.0,
-        );
+        let (scale, [x, y]) = (1.0 / self.half, self.centre.map(|c| -c / self.half));
+        let to_unit = Matrix3::new(scale, 0.0, x, 0.0, scale, y, 0.0, 0.0, 1.0);
         Homography::from_matrix(&(to_unit.try_inverse()? * map.try_inverse()? * to_unit))
     }
 }

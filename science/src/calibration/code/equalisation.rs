@@ -7,9 +7,8 @@
 //! from the contrast, `D` from the rest.
 
 use super::place::CodePlace;
-use crate::calibration::lattice::Places;
 use crate::calibration::radial_profile::{PlacedDot, REACH, RadialProfile};
-use crate::calibration::working_image::pixels_within;
+use crate::calibration::{lattice::Places, working_image::pixels_within};
 use crate::imaging::Plane;
 
 /// Pixels within this distance of a dot, in grid steps, are used: others may show dots that are not known yet.

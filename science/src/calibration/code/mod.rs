@@ -11,20 +11,17 @@
 //! | `equalisation` | makes the dots of both sizes equal, so that phases are not biased |
 //! | `place` | where the labels of a grid lie in the code |
 //! | `identification` | compares the labels of a tracked slice with the code, and corrects them |
-//! | `report` | the part of the code that the reference slice shows |
 
 mod equalisation;
 mod identification;
 mod place;
 mod reading;
-mod report;
 mod search;
 mod significance;
 
 pub(super) use equalisation::SizeDifferences;
 pub(super) use identification::{Identification, identify, relabelled};
 pub(super) use place::{CodePlace, Identity, RecognisedCode};
-pub(super) use report::report;
 
 use super::lattice::{Label, Places};
 use crate::imaging::Plane;

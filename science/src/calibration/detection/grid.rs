@@ -1,12 +1,9 @@
 //! Detection of the grid in a slice without prior knowledge, and the flat field around it.
 
 use super::windows::in_picture;
-use crate::calibration::blobs;
-use crate::calibration::detected::Target;
 use crate::calibration::flat_field::{FlatField, Polarity};
-use crate::calibration::grid_indexing;
 use crate::calibration::lattice::{self, Lattice, Places};
-use crate::calibration::working_image::WorkingImage;
+use crate::calibration::{blobs, detected::Target, grid_indexing, working_image::WorkingImage};
 use crate::imaging::Raster;
 use crate::types::{Cancelled, Control};
 

@@ -3,20 +3,17 @@
 use std::collections::BTreeMap;
 
 use super::windows::{MAX_SHIFT, dot_position, grid_steps, in_picture, selected_labels, windows_at};
-use crate::calibration::banding;
-use crate::calibration::coarse_registration::SimilarityMotion;
 use crate::calibration::code::{CodePlace, SizeDifferences};
 use crate::calibration::detected::{Detection, MeasuredDot};
-use crate::calibration::dlt;
-use crate::calibration::dot_photometry;
 use crate::calibration::flat_field::{FlatField, Polarity};
-use crate::calibration::identity::Fingerprint;
 use crate::calibration::inpainting::{self, InpaintedGrid};
 use crate::calibration::lattice::{self, Label, MIN_DOTS, Places};
 use crate::calibration::phase::{self, PhaseMeasurement, Window};
-use crate::calibration::robust;
 use crate::calibration::statistics::{median, median_of};
-use crate::calibration::working_image::WorkingImage;
+use crate::calibration::{
+    banding, coarse_registration::SimilarityMotion, dlt, dot_photometry, identity::Fingerprint, robust,
+    working_image::WorkingImage,
+};
 use crate::imaging::Plane;
 use crate::types::{Cancelled, Control};
 

@@ -1,10 +1,9 @@
 //! Relocation of the grid of a neighbouring slice in another: first a coarse registration, then a first measurement of
 //! the dots.
 
-use super::grid::flat_field;
-use super::measure::measure;
 use super::motion::{motion_between, slice_middle};
 use super::windows::{MAX_SHIFT, dot_position, grid_steps, in_picture, selected_labels, windows_at};
+use super::{grid::flat_field, measure::measure};
 use crate::calibration::coarse_registration::{CoarseRegistration, RegisteredMotion, SimilarityMotion};
 use crate::calibration::code::{self, Identification};
 use crate::calibration::detected::{Detection, Expected, Target};

@@ -2,9 +2,8 @@
 //! target whose neighbour does not tell where the grid is.
 
 use super::grid::{detect_grid, flat_field};
-use super::measure::measure;
 use super::motion::{motion_between, slice_middle, turned};
-use super::windows::grid_steps;
+use super::{measure::measure, windows::grid_steps};
 use crate::calibration::code::{self, Identity};
 use crate::calibration::detected::{Detection, Target};
 use crate::calibration::lattice::{Lattice, Places};

@@ -2,8 +2,7 @@
 
 use crate::calibration::lattice::{Label, Places};
 use crate::calibration::phase::{self, PhaseMeasurement, Window};
-use crate::calibration::statistics::median_point;
-use crate::calibration::working_image::WorkingImage;
+use crate::calibration::{statistics::median_point, working_image::WorkingImage};
 
 /// Most dots that are measured per slice; more do not improve its homography.
 pub(in crate::calibration) const MAX_DOTS: usize = 1200;

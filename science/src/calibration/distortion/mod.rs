@@ -21,15 +21,10 @@ mod tests;
 
 use fit::{Coefficients, JointFit, View, fit, predict};
 
-use super::detected::Detection;
-use super::dlt;
-use super::grade::Finding;
-use super::solve::find_inliers;
-use super::tracked::Tracked;
 use super::transform_models::{self, Frame, Match, TransformModel};
-use crate::types::distortion::Distortion;
-use crate::types::report::Grade;
+use super::{detected::Detection, dlt, grade::Finding, solve::find_inliers, tracked::Tracked};
 use crate::types::{Cancelled, Control, Homography};
+use crate::types::{distortion::Distortion, report::Grade};
 
 /// What the dots say about distortion.
 #[derive(Debug, Clone, Default)]

@@ -1,9 +1,6 @@
 //! What the findings are made from.
 
-use crate::calibration::detected::Detection;
-use crate::calibration::names::listed;
-use crate::calibration::solve::Solution;
-use crate::calibration::tracked::Tracked;
+use crate::calibration::{detected::Detection, names::listed, solve::Solution, tracked::Tracked};
 use crate::imaging::Slices;
 use crate::types::profile::ProfileSlice;
 use crate::types::report::{CameraReport, CaptureReport};

@@ -1,10 +1,9 @@
 //! Findings about the rail and the rig.
 
 use super::facts::Facts;
-use crate::calibration::grade::Finding;
-use crate::calibration::names::first_names;
 use crate::calibration::rail_anomalies::{Jump, RailAnomaly};
 use crate::calibration::{camera, capture};
+use crate::calibration::{grade::Finding, names::first_names};
 use crate::types::report::Grade;
 
 /// How far the image jumps, as a predicate.

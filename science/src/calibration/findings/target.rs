@@ -1,11 +1,7 @@
 //! Findings about the target in the reference slice.
 
 use super::facts::Facts;
-use crate::calibration::detection::grid_steps;
-use crate::calibration::grade::Finding;
-use crate::calibration::lattice::Places;
-use crate::calibration::statistics::range;
-use crate::calibration::tracked::Tracked;
+use crate::calibration::{detection::grid_steps, grade::Finding, lattice::Places, statistics::range, tracked::Tracked};
 
 /// Share of the image that the dots cover, below which the target is small.
 const SMALL: f64 = 0.25;

@@ -3,10 +3,8 @@
 use super::curve_fit::{Brightness, CurveFit};
 use super::ln::{LEAST_SIGMA, Ln, MAX_SIGMA};
 use super::tone::{self, TONES, tone};
-use crate::calibration::detected::Detection;
 use crate::calibration::dot_photometry::{self, DotBrightness};
-use crate::calibration::statistics::median;
-use crate::calibration::tracked::Tracked;
+use crate::calibration::{detected::Detection, statistics::median, tracked::Tracked};
 
 /// Largest share of a dot's window that may be synthetic or at full scale when brightness is compared.
 const MAX_INVALID: f64 = 0.02;

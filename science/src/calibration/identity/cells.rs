@@ -1,7 +1,6 @@
 //! One cell of the grid, a dot and the ground around it, as samples of the contrast image.
 
-use crate::calibration::lattice::Label;
-use crate::calibration::working_image::sample;
+use crate::calibration::{lattice::Label, working_image::sample};
 use crate::imaging::Plane;
 use crate::types::Homography;
 

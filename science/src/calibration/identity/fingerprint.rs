@@ -9,10 +9,8 @@ use std::sync::Arc;
 
 use super::cells::{CELL, Cell, SIDE, Samples};
 use super::presence::{Presence, presence};
-use crate::calibration::dlt;
 use crate::calibration::lattice::{Label, MIN_DOTS, Places, label_range};
-use crate::calibration::statistics::median_of;
-use crate::calibration::working_image::WorkingImage;
+use crate::calibration::{dlt, statistics::median_of, working_image::WorkingImage};
 use crate::imaging::Plane;
 use crate::types::Homography;
 

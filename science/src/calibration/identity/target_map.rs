@@ -5,9 +5,8 @@
 
 use std::collections::BTreeMap;
 
-use super::cells::CELL;
 use super::fingerprint::{Fingerprint, OUTSIDE, cut, size};
-use super::presence::Presence;
+use super::{cells::CELL, presence::Presence};
 use crate::calibration::lattice::{Label, label_range};
 
 /// What the target shows by all `prints` together: cells that one of them shows, and none contradicts. The result has

@@ -2,8 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::calibration::radial_profile::PlacedDot;
-use crate::calibration::working_image::pixels_within;
+use crate::calibration::{radial_profile::PlacedDot, working_image::pixels_within};
 use crate::imaging::Plane;
 
 /// Marks samples whose nearest dot is present.

@@ -7,17 +7,13 @@ mod verdict;
 
 use super::camera::{self, Known};
 use super::capture::{self, ScaleSample};
-use super::distortion::LensAnalysis;
 use super::findings::{self, Facts};
-use super::grade::Finding;
 use super::result::{Calibration, Dot, DotUse};
 use super::solve::{Solution, Solved};
-use super::tracked::Tracked;
+use super::{distortion::LensAnalysis, grade::Finding, tracked::Tracked};
 use crate::imaging::Slices;
-use crate::types::Warning;
-use crate::types::calibration_options::CalibrationOptions;
-use crate::types::profile::ProfileSlice;
 use crate::types::report::{CalibrationReport, CaptureReport};
+use crate::types::{Warning, calibration_options::CalibrationOptions, profile::ProfileSlice};
 
 /// Least standard deviation of the image corners that a scale is known to, px.
 const LEAST_CORNER_SIGMA: f64 = 0.01;

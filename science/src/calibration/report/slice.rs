@@ -2,9 +2,8 @@
 
 use crate::calibration::findings::Facts;
 use crate::calibration::result::{Dot, DotUse};
-use crate::types::distortion::Distortion;
-use crate::types::profile::ProfileSlice;
 use crate::types::report::{DotReport, SliceReport};
+use crate::types::{distortion::Distortion, profile::ProfileSlice};
 
 /// Most dots per slice that a report keeps.
 const MAX_DOTS: usize = 2000;

@@ -1,10 +1,9 @@
 //! The target in the report.
 
-use crate::calibration::code;
 use crate::calibration::findings::{Facts, coverage};
-use crate::calibration::flat_field::Polarity;
-use crate::calibration::lattice::label_range;
-use crate::types::report::TargetReport;
+use crate::calibration::{detection::grid_steps, flat_field::Polarity, lattice::label_range, tracked::Tracked};
+use crate::target::{CODE_PERIOD, CODE_VERSION};
+use crate::types::report::{CodeReport, TargetReport};
 
 /// The target as the slices show it. `pitch_mm`: as specified.
 pub(super) fn report(facts: &Facts, pitch_mm: Option<f64>, magnification: Option<f64>) -> TargetReport {
@@ -20,8 +19,27 @@ pub(super) fn report(facts: &Facts, pitch_mm: Option<f64>, magnification: Option
         coverage: coverage(tracked, reference),
         magnification,
         coded: tracked.target.code.is_some(),
-        code: code::report(tracked, reference),
+        code: code_part(tracked, reference),
     }
+}
+
+/// The part of the code that slice `reference` shows; `None` for a target without a code.
+fn code_part(tracked: &Tracked, reference: usize) -> Option<CodeReport> {
+    let code = tracked.target.code?;
+    let detection = tracked.detections.get(reference)?.as_ref()?;
+    let range = |axis: usize| {
+        let positions = || detection.dots.keys().map(|label| code.place.position(*label)[axis]);
+        let (first, last) = (positions().min()?, positions().max()?);
+        let from = first.rem_euclid(CODE_PERIOD as i32);
+        Some([from, from + last - first].map(i32::unsigned_abs))
+    };
+    Some(CodeReport {
+        version: CODE_VERSION,
+        columns: range(0)?,
+        rows: range(1)?,
+        mirrored: code.place.is_mirrored(grid_steps(&detection.places)),
+        certainty: code.certainty,
+    })
 }
 
 /// True when the grid is the asymmetric one that some tools print: in diagonal coordinates it fills its bounding box

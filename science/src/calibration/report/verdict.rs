@@ -1,11 +1,8 @@
 //! The verdict: grade and accuracy in one sentence.
 
-use crate::calibration::blur;
-use crate::calibration::findings::Facts;
 use crate::calibration::grade::{self, Finding};
-use crate::calibration::lost::Loss;
-use crate::types::Homography;
-use crate::types::report::Grade;
+use crate::calibration::{blur, findings::Facts, lost::Loss};
+use crate::types::{Homography, report::Grade};
 
 /// Largest advised blur radius over pitch (the pitch is 2.5 times the largest blur radius).
 const ADVISED: f64 = 0.4;

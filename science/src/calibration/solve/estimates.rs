@@ -4,12 +4,10 @@ use nalgebra::DVector;
 
 use super::inliers::{FLOOR, Inliers, own_estimates};
 use super::rail_state::{RailState, in_line};
-use crate::calibration::detected::Detection;
 use crate::calibration::model_selection::{CornerError, StackModel};
 use crate::calibration::rail::{self, EstimateSource, OwnEstimate};
-use crate::calibration::rail_fit::RailFit;
-use crate::calibration::tracked::Tracked;
 use crate::calibration::transform_models::{self, Frame, Match, Parameters, TransformModel};
+use crate::calibration::{detected::Detection, rail_fit::RailFit, tracked::Tracked};
 use crate::types::Homography;
 
 /// Uncertainty of the image corners, px, from which a slice counts as predicted when the rail law halves it.

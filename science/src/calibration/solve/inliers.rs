@@ -4,15 +4,12 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::calibration::detected::Detection;
-use crate::calibration::dlt::Pair;
 use crate::calibration::lattice::{Label, MIN_DOTS};
-use crate::calibration::model_selection::Evidence;
-use crate::calibration::phase::WINDOW_OVERLAP;
 use crate::calibration::rail::{Law, OwnEstimate};
-use crate::calibration::robust;
-use crate::calibration::tracked::Tracked;
 use crate::calibration::transform_models::{self, Frame, Match, TransformModel};
+use crate::calibration::{
+    detected::Detection, dlt::Pair, model_selection::Evidence, phase::WINDOW_OVERLAP, robust, tracked::Tracked,
+};
 
 /// Largest inlier limit, px; 0.02 of the pitch where that is more.
 const MAX_RESIDUAL: f64 = 1.0;

@@ -24,12 +24,8 @@ use missing::{reference_without_grid, unmeasured_slices};
 use rail_state::{RailState, nominal_positions};
 use selection::select;
 
-use super::detected::Detection;
-use super::gains;
-use super::lost::Loss;
-use super::rail::EstimateSource;
-use super::tracked::Tracked;
 use super::transform_models::{Frame, TransformModel};
+use super::{detected::Detection, gains, lost::Loss, rail::EstimateSource, tracked::Tracked};
 use crate::imaging::Slices;
 use crate::types::calibration_options::ModelChoice;
 use crate::types::{Cancelled, Control, Error, ErrorKind, Interrupted};

@@ -1,16 +1,12 @@
 //! The solution of a stack, and how one slice of it follows from its estimate and its dots.
 
-use super::estimates::Estimate;
 use super::inliers::{Inliers, MISTAKEN};
-use super::rail_state::RailState;
-use crate::calibration::detected::Detection;
-use crate::calibration::gains::Gain;
-use crate::calibration::lattice::Label;
-use crate::calibration::model_selection::Selection;
-use crate::calibration::rail::EstimateSource;
+use super::{estimates::Estimate, rail_state::RailState};
 use crate::calibration::result::{Dot, DotUse};
-use crate::calibration::robust;
-use crate::calibration::statistics::quantile;
+use crate::calibration::{
+    detected::Detection, gains::Gain, lattice::Label, model_selection::Selection, rail::EstimateSource, robust,
+    statistics::quantile,
+};
 
 /// Geometry and gain of one slice.
 pub(in crate::calibration) struct Solved {
