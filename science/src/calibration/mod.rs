@@ -5,7 +5,7 @@
 //!
 //! | step | module | what it does |
 //! |---|---|---|
-//! | detection | `detection`, `blobs`, `grid_indexing` | finds the grid in the reference slice, or in another that shows it |
+//! | detection | `detection`, `blobs`, `grid_indexing` | finds the grid in the reference slice, or in another one |
 //! | tracking | `tracking`, `coarse_registration` | follows the grid from slice to slice in both directions |
 //! | code | `code` | recognises a coded target, on which every dot is unique |
 //! | identity | `identity` | checks that the same label is the same dot in all slices, and corrects it |
@@ -21,6 +21,8 @@
 //! | uneven light | `falloff` | what light that falls off before the blur does to blurred slices |
 //! | lost slices | `lost` | says why a slice was not measured |
 //! | report | `report`, `findings`, `grade`, `capture`, `camera` | capture mode, camera, findings, grade |
+//!
+//! The stages hand on `detected` (the dots of a slice), `tracked` (all slices) and `result`.
 //!
 //! Each slice is decoded once (twice where the grid was searched for in vain at first). Of its pixels only a
 //! fingerprint is kept, and with its dots at most about 1 MB ([`SLICE_BYTES`]). The method is described in

@@ -1,4 +1,4 @@
-//! The result of a calibration: one homography, one gain and the measured dots of every slice, with findings and report.
+//! The result of a calibration: homography, gain and measured dots of every slice, findings, report.
 
 use crate::types::profile::{CaptureMode, HomographyModel, ProfileSlice};
 use crate::types::{Warning, distortion::Distortion, lateral_colour::LateralColour, report::CalibrationReport};

@@ -5,7 +5,7 @@
 //! | mean light | `tone` | mean over whole grid steps, which blur of any shape does not change, for each tone curve |
 //! | tone curve | `curve_fit` | the curves for which the mean light is smooth over the rail and follows the bright level |
 //! | own gain | `own_gain` | mean light and bright level, weighted by their uncertainties, averaged over the curves |
-//! | gain model | `gain_model` | in a slice that agrees with the model, the weighted mean of both, so gains do not flicker |
+//! | gain model | `gain_model` | in a slice that agrees with the model, the mean of both, so gains do not flicker |
 //!
 //! No estimator is switched on or off at a limit: each has an uncertainty that grows smoothly with blur. The bright
 //! level ends where its uncertainty leaves it almost no weight.
@@ -72,8 +72,8 @@ pub(super) fn of(tracked: &Tracked, reference: usize, positions: &[f64]) -> Vec<
     own.iter().enumerate().map(gain).collect()
 }
 
-/// Per slice how much red over green and blue over green (`ln`) differ from the smooth model of all slices, where that is
-/// significant.
+/// Per slice how much red over green and blue over green (`ln`) differ from the smooth model of all slices, where that
+/// is significant.
 pub(super) fn off_tint(tints: &[Option<[f64; 2]>], positions: &[f64]) -> Vec<Option<[f64; 2]>> {
     let model = |k: usize| {
         let points = tints.iter().zip(positions).filter_map(|(t, &z)| t.map(|t| Point { z, value: t[k], sigma: 1e-3 }));

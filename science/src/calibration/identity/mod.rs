@@ -168,8 +168,8 @@ fn compare_outward(detections: &[Option<Detection>], seed: usize, correlate: boo
     out
 }
 
-/// Compares the slice of `print` with `inner`, from which it was tracked, and with the first slice where that is another
-/// one. Returns the fingerprint with its labels corrected, too.
+/// Compares the slice of `print` with `inner`, from which it was tracked, and with the first slice where that is
+/// another one. Returns the fingerprint with its labels corrected, too.
 fn compare(
     mut print: Fingerprint,
     merged: bool,

@@ -28,7 +28,7 @@ pub(super) fn nominal_positions(given: Option<&[f64]>, count: usize) -> Vec<f64>
 }
 
 impl RailState {
-    /// The rail by the similarity estimates `own`. `given`: rail positions that the user specified; `half`: px per unit.
+    /// The rail by the similarity estimates `own`. `given`: rail positions that the user specified; `half`: px a unit.
     pub(super) fn of(own: &[Option<OwnEstimate>], given: Option<&[f64]>, reference: usize, half: f64) -> Self {
         let sigma = |o: &OwnEstimate, n: usize| o.covariance[(n, n)].max(0.0).sqrt();
         let scales: Vec<Option<(f64, f64)>> =

@@ -6,8 +6,8 @@ use crate::calibration::model_selection::{self, Evidence, Selection, StackModel}
 use crate::calibration::transform_models::TransformModel;
 use crate::types::calibration_options::ModelChoice;
 
-/// Estimates all slices under every model and selects one. Returns it with its estimates; `None` where there is neither a
-/// measurement nor a rail law.
+/// Estimates all slices under every model and selects one. Returns it with its estimates; `None` where there is neither
+/// a measurement nor a rail law.
 pub(super) fn select(
     inliers: &[Inliers],
     setting: &Setting,
