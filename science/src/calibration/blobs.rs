@@ -2,7 +2,7 @@
 
 use crate::imaging::Plane;
 
-use super::statistics::quantile;
+use super::statistics::{quantile, thinned};
 
 /// A spot that may be a dot, in px of the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,14 +25,13 @@ pub(super) fn find(contrast: &Plane<f32>, radius: usize) -> Vec<Blob> {
     }
     let smooth = box_mean(contrast, 1);
     let around = box_mean(&smooth, radius);
-    let standing: Vec<f32> = smooth.data.iter().zip(&around.data).map(|(a, b)| a - b).collect();
-    let stride = (standing.len() / 50_000).max(1) | 1;
-    let mut heights: Vec<f64> = standing.iter().step_by(stride).map(|&v| f64::from(v)).collect();
-    let contrast = quantile(&mut heights, 0.985);
+    let standing = smooth.data.iter().zip(&around.data).map(|(a, b)| a - b).collect();
+    let standing = Plane { width, height, data: standing };
+    let contrast = quantile(&mut thinned(&standing), 0.985);
     if contrast < MIN_CONTRAST {
         return Vec::new();
     }
-    let threshold = (0.35 * contrast) as f32;
+    let (threshold, standing) = ((0.35 * contrast) as f32, standing.data);
     let mut visited = vec![false; standing.len()];
     let mut blobs = Vec::new();
     let mut stack = Vec::new();

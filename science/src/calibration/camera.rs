@@ -4,9 +4,7 @@
 //! law, `growth per mm = 1 / d2` with a fixed lens; and from `d2 = f (1 + M)`, with the magnification M from the target
 //! pitch. The focal length that a camera writes into its files is neither.
 
-use crate::types::calibration_options::CalibrationOptions;
-use crate::types::profile::CaptureMode;
-use crate::types::report::CameraReport;
+use crate::types::{calibration_options::CalibrationOptions, profile::CaptureMode, report::CameraReport};
 
 /// Measured quantities.
 #[derive(Debug, Clone, Copy, Default)]
@@ -27,7 +25,7 @@ pub(super) fn camera(options: &CalibrationOptions, known: Known) -> CameraReport
     let by_pitch = known.magnification.zip(options.focal_mm).map(|(m, f)| f * (1.0 + m));
     let moving = known.capture == Some(CaptureMode::MovingLens);
     let by_rail = known.growth_per_mm.filter(|g| !moving && g.abs() > 1e-9).map(|g| 1.0 / g.abs());
-    let (distance, cross_check, detail) = match (by_rail, by_pitch) {
+    let detail = match (by_rail, by_pitch) {
         (Some(rail), Some(pitch)) => {
             let off = 100.0 * (rail / pitch - 1.0);
             let word = if agree(rail, pitch) {
@@ -35,45 +33,29 @@ pub(super) fn camera(options: &CalibrationOptions, known: Known) -> CameraReport
             } else {
                 "disagree: check focal length, target pitch, pixel pitch and rail steps"
             };
-            (
-                Some(rail),
-                Some(pitch),
-                format!(
-                    "from the rail law; focal length and target pitch give {pitch:.2} mm ({off:+.1} %): they {word}"
-                ),
-            )
+            format!("from the rail law; focal length and target pitch give {pitch:.2} mm ({off:+.1} %): they {word}")
         }
-        (Some(rail), None) => (
-            Some(rail),
-            None,
-            "from the rail law; give focal_mm, target_pitch_mm and pixel_pitch_mm for a cross-check".into(),
-        ),
-        (None, Some(pitch)) if moving => (
-            Some(pitch),
-            None,
-            "from focal length and target pitch; with a moving lens the rail cannot check it".into(),
-        ),
-        (None, Some(pitch)) => {
-            (Some(pitch), None, "from focal length and target pitch; give rail_step_mm for a cross-check".into())
+        (Some(_), None) => {
+            "from the rail law; give focal_mm, target_pitch_mm and pixel_pitch_mm for a cross-check".into()
         }
-        (None, None) if moving => (
-            None,
-            None,
-            "not known, because with a moving lens the rail does not tell it: give focal_mm with target_pitch_mm and \
-             pixel_pitch_mm"
-                .into(),
-        ),
-        (None, None) => (
-            None,
-            None,
-            "not known: give rail_step_mm (or rail_positions_mm), or focal_mm with target_pitch_mm and pixel_pitch_mm"
-                .into(),
-        ),
+        (None, Some(_)) if moving => {
+            "from focal length and target pitch; with a moving lens the rail cannot check it".into()
+        }
+        (None, Some(_)) => "from focal length and target pitch; give rail_step_mm for a cross-check".into(),
+        (None, None) if moving => {
+            "not known, because with a moving lens the rail does not tell it: give focal_mm with \
+                                   target_pitch_mm and pixel_pitch_mm"
+                .into()
+        }
+        (None, None) => "not known: give rail_step_mm (or rail_positions_mm), or focal_mm with target_pitch_mm and \
+                         pixel_pitch_mm"
+            .into(),
     };
+    let distance = by_rail.or(by_pitch);
     CameraReport {
         principal_distance_mm: distance,
         principal_distance_px: distance.zip(options.pixel_pitch_mm).map(|(d, p)| d / p),
-        cross_check_mm: cross_check,
+        cross_check_mm: by_rail.and(by_pitch),
         // the fixed point gives the principal point only together with the tilt of the rail, which is unknown
         principal_point_px: None,
         pixel_pitch_mm: options.pixel_pitch_mm,

@@ -7,9 +7,8 @@
 //! - Direction: towards the object, the image shrinks with a fixed lens (the sensor approaches the lens) and grows with
 //!   a moving lens.
 
-use super::statistics::median;
-use crate::types::profile::CaptureMode;
-use crate::types::report::CaptureReport;
+use super::statistics::{median, median_of, range};
+use crate::types::{profile::CaptureMode, report::CaptureReport};
 
 /// The scale of one measured slice.
 #[derive(Debug, Clone, Copy)]
@@ -33,22 +32,22 @@ pub(super) fn decide(
 ) -> CaptureReport {
     let by_law = if even { by_law(slices) } else { None };
     let by_direction = if positions_given { by_direction(slices) } else { None };
-    let (found, detail) = match (by_law, by_direction) {
-        (Some(law), Some(sign)) if law != sign => (
-            None,
-            "the law of the scales and the direction of the rail disagree: check that rail positions are counted towards \
-             the object"
-                .to_owned(),
-        ),
-        (Some(mode), _) => (Some(mode), format!("the scales follow the law of {}", name(mode))),
-        (None, Some(mode)) => (
-            Some(mode),
-            format!("towards the object the image {}, as with {}", if mode == CaptureMode::FixedLens { "shrinks" } else { "grows" }, name(mode)),
-        ),
-        (None, None) => (
-            None,
-            "the scales do not show what moved: too few slices, too small a change of scale, or uneven steps".to_owned(),
-        ),
+    let is_contradictory = by_law.zip(by_direction).is_some_and(|(law, direction)| law != direction);
+    let found = by_law.or(by_direction).filter(|_| !is_contradictory);
+    let detail = match (found, by_law) {
+        _ if is_contradictory => {
+            "the law of the scales and the direction of the rail disagree: check that rail positions \
+                                  are counted towards the object"
+                .to_owned()
+        }
+        (Some(mode), Some(_)) => format!("the scales follow the law of {}", name(mode)),
+        (Some(mode), None) => {
+            let change = if mode == CaptureMode::FixedLens { "shrinks" } else { "grows" };
+            format!("towards the object the image {change}, as with {}", name(mode))
+        }
+        (None, _) => {
+            "the scales do not show what moved: too few slices, too small a change of scale, or uneven steps".to_owned()
+        }
     };
     CaptureReport { told: given, found, detail }
 }
@@ -67,7 +66,7 @@ fn by_law(slices: &[ScaleSample]) -> Option<CaptureMode> {
     }
     let fixed = off_line(slices.iter().map(|s| (s.position, 1.0 / s.scale)));
     let moving = off_line(slices.iter().map(|s| (s.position, s.scale)));
-    let noise = median(&mut slices.iter().map(|s| s.sigma).collect::<Vec<_>>()).max(1e-7);
+    let noise = median_of(slices.iter().map(|s| s.sigma)).max(1e-7);
     let certain = |right: f64, wrong: f64| right < 0.25 * wrong && wrong > 5.0 * noise && right < 4.0 * noise;
     match () {
         () if certain(fixed, moving) => Some(CaptureMode::FixedLens),
@@ -82,10 +81,9 @@ fn by_direction(slices: &[ScaleSample]) -> Option<CaptureMode> {
         slopes.extend(slices[k + 1..].iter().map(|b| (b.scale - a.scale) / (b.position - a.position)));
     }
     let slope = median(&mut slopes);
-    let span =
-        slices.iter().fold(f64::MIN, |m, s| m.max(s.position)) - slices.iter().fold(f64::MAX, |m, s| m.min(s.position));
-    let noise = median(&mut slices.iter().map(|s| s.sigma).collect::<Vec<_>>()).max(1e-7);
-    if slices.len() < 3 || (slope * span).abs() < 10.0 * noise {
+    let (low, high) = range(slices.iter().map(|s| s.position));
+    let noise = median_of(slices.iter().map(|s| s.sigma)).max(1e-7);
+    if slices.len() < 3 || (slope * (high - low)).abs() < 10.0 * noise {
         return None;
     }
     // the scale to the reference slice grows where the image shrinks

@@ -11,7 +11,7 @@
 
 use super::flat_field::{FlatField, Polarity};
 use super::phase::{self, PhaseMeasurement, Window};
-use super::statistics::median;
+use super::statistics::{mad_sigma, median};
 use super::working_image::sample;
 use crate::imaging::Plane;
 
@@ -118,8 +118,8 @@ pub(super) fn ratio(pairs: impl Iterator<Item = (Option<f64>, Option<f64>)>) -> 
         return None;
     }
     let value = median(&mut ratios);
-    let mut off: Vec<f64> = ratios.iter().map(|r| (r - value).abs()).collect();
     // standard error of a median over overlapping windows
-    let sigma = 1.4826 * median(&mut off) * (1.57 * phase::WINDOW_OVERLAP / ratios.len() as f64).sqrt();
+    let sigma =
+        mad_sigma(ratios.iter().map(|r| r - value)) * (1.57 * phase::WINDOW_OVERLAP / ratios.len() as f64).sqrt();
     Some((value, sigma / value.abs().max(1e-9)))
 }

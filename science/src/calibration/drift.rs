@@ -14,6 +14,19 @@ pub const SMALL_MOVEMENT_PX: f64 = 1.0;
 /// The corners are compared as they are seen, so it does not matter whether a profile knows the distortion of the lens.
 /// Profiles with different image sizes or slice counts cannot be compared. Every distance is then `None`, and `detail`
 /// gives the reason.
+///
+/// # Example
+/// ```
+/// use pinstack_science::calibration::drift;
+/// use pinstack_science::types::{Homography, profile::ProfileInput};
+///
+/// let homographies = vec![Homography::IDENTITY; 2];
+/// let before = ProfileInput { image_width: 200, image_height: 100, homographies, ..ProfileInput::default() };
+/// let mut after = before.clone();
+/// after.homographies[1] = Homography::similarity(1.0, [3.0, 4.0]);
+/// let moved = drift((1, &before), (2, &after));
+/// assert_eq!((moved.worst_slice, moved.worst_px), (Some(1), Some(5.0)));
+/// ```
 pub fn drift(from: (u32, &ProfileInput), to: (u32, &ProfileInput)) -> Drift {
     let ((from_revision, old), (to_revision, new)) = (from, to);
     let slices = old.homographies.len().max(new.homographies.len());

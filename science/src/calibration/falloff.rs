@@ -13,10 +13,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::blur;
-use super::detection::Detection;
-use super::statistics::median;
-use super::tracking::Tracked;
+use super::{blur, detected::Detection, statistics::median_of, tracked::Tracked};
 
 /// Share of the strongest modulation below which the shift matters.
 const WEAK: f64 = 0.3;
@@ -26,22 +23,22 @@ const SHARED: f64 = 1.5;
 const MOST: f64 = 0.3;
 
 /// Adds the shift to the uncertainty of the dots of slices in which the pattern nearly vanishes.
-pub(super) fn doubt_weak_slices(tracked: &mut Tracked) {
-    let strongest = tracked.detections.iter().flatten().map(|s| s.modulation).fold(1e-9, f64::max);
+pub(super) fn widen_weak_slices(tracked: &mut Tracked) {
+    let strongest = tracked.strongest();
     for detection in tracked.detections.iter_mut().flatten() {
         let share = detection.modulation / strongest;
         if share < WEAK {
-            doubt(detection, share);
+            widen(detection, share);
         }
     }
 }
 
-fn doubt(detection: &mut Detection, share: f64) {
+fn widen(detection: &mut Detection, share: f64) {
     let Some(light) = LightSurface::fit(detection) else { return };
     let shift = blur::tilt_shift(blur::radius(share)) * detection.pitch * detection.pitch;
     let most = MOST * detection.pitch;
     let gradients = detection.dots.values().map(|dot| light.gradient(dot.at));
-    detection.common_sigma = SHARED * shift * median(&mut gradients.collect::<Vec<_>>());
+    detection.common_sigma = SHARED * shift * median_of(gradients);
     for dot in detection.dots.values_mut() {
         let sigma = (SHARED * light.gradient(dot.at) * shift).min(most);
         dot.sigma = dot.sigma.hypot(sigma);

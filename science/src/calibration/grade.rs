@@ -4,8 +4,7 @@
 //! from the wrong one, a jump of the rig, slices in the wrong order. Therefore each finding states the best grade that
 //! it allows, and the grade is the worst of all.
 
-use crate::types::Warning;
-use crate::types::report::Grade;
+use crate::types::{Warning, report::Grade};
 
 /// Largest standard deviation of the worst corner of a good calibration, px: at three of them, 0.3 px, an error is a
 /// defect.

@@ -3,8 +3,8 @@
 //! The dots of one slice are measured again in red and in blue. Scale and shift relative to green follow by least
 //! squares. The geometry of a calibration is that of green, so lateral colour does not bias it. Fusion corrects it.
 
-use super::detection::{self, Detection, Expected, Target};
-use super::statistics::median;
+use super::detected::{Detection, Expected, Target};
+use super::{detection, statistics::median_of};
 use crate::imaging::{Raster, Samples};
 use crate::types::lateral_colour::{ColourDisplacement, LateralColour};
 use crate::types::{Cancelled, Control};
@@ -38,9 +38,6 @@ const FAR: f64 = 4.0;
 
 /// Compares the dots of `slice` in red and in blue with `green`, its detection. `None` for a grey slice, or where a
 /// channel shows too few dots.
-///
-/// # Errors
-/// When the work is cancelled.
 pub(super) fn measure(
     slice: &Raster,
     target: Target,
@@ -83,7 +80,7 @@ fn displacement(green: &Detection, other: &Detection, size: [usize; 2]) -> Optio
             Some((dot.at, [there[0] - dot.at[0], there[1] - dot.at[1]]))
         })
         .collect();
-    let middle = |of: &dyn Fn(&Pair) -> f64| median(&mut pairs.iter().map(of).collect::<Vec<_>>());
+    let middle = |of: &dyn Fn(&Pair) -> f64| median_of(pairs.iter().map(of));
     let usual = [middle(&|p| p.1[0]), middle(&|p| p.1[1])];
     let away = |p: &Pair| (p.1[0] - usual[0]).hypot(p.1[1] - usual[1]);
     let limit = FAR * middle(&away);

@@ -3,8 +3,7 @@
 //! Blur is the usual reason, and a target with a coarser grid the usual answer. A slice that is black, blank,
 //! over-exposed or of another target needs another answer. A slice between sharp slices is not lost by blur.
 
-use super::detection::{Detection, Diagnosis};
-use super::tracking::Tracked;
+use super::{detected::Detection, detection::Diagnosis, tracked::Tracked};
 
 /// The reason why a slice was not measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,7 +31,7 @@ const MEASURABLE: f64 = 0.3;
 impl Loss {
     /// Why slice `index` was not measured.
     pub(super) fn of(tracked: &Tracked, index: usize) -> Self {
-        let strongest = tracked.detections.iter().flatten().map(|s| s.modulation).fold(1e-9, f64::max);
+        let strongest = tracked.strongest();
         let share = |d: &Option<Detection>| d.as_ref().map(|d| d.modulation.abs() / strongest);
         let shares: Vec<Option<f64>> = tracked.detections.iter().map(share).collect();
         if let Some(share) = shares[index] {

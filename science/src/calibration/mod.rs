@@ -5,7 +5,7 @@
 //!
 //! | step | module | what it does |
 //! |---|---|---|
-//! | detection | `detection`, `blobs`, `lattice` | finds the grid in the reference slice, or in another that shows it |
+//! | detection | `detection`, `blobs`, `grid_indexing` | finds the grid in the reference slice, or in another one |
 //! | tracking | `tracking`, `coarse_registration` | follows the grid from slice to slice in both directions |
 //! | code | `code` | recognises a coded target, on which every dot is unique |
 //! | identity | `identity` | checks that the same label is the same dot in all slices, and corrects it |
@@ -22,6 +22,8 @@
 //! | lost slices | `lost` | says why a slice was not measured |
 //! | report | `report`, `findings`, `grade`, `capture`, `camera` | capture mode, camera, findings, grade |
 //!
+//! The stages hand on `detected` (the dots of a slice), `tracked` (all slices) and `result`.
+//!
 //! Each slice is decoded once (twice where the grid was searched for in vain at first). Of its pixels only a
 //! fingerprint is kept, and with its dots at most about 1 MB ([`SLICE_BYTES`]). The method is described in
 //! `docs/METHOD.md`.
@@ -33,6 +35,7 @@ mod camera;
 mod capture;
 mod coarse_registration;
 mod code;
+mod detected;
 mod detection;
 mod distortion;
 mod dlt;
@@ -43,12 +46,15 @@ mod findings;
 mod flat_field;
 mod gains;
 mod grade;
+mod grid_indexing;
 mod identity;
 mod inpainting;
 mod lateral_colour;
 mod lattice;
+mod line_fit;
 mod lost;
 mod model_selection;
+mod names;
 mod overlay;
 mod phase;
 mod radial_profile;
@@ -58,11 +64,14 @@ mod rail_fit;
 mod rail_jumps;
 mod rail_order;
 mod report;
+mod result;
 mod robust;
 mod solve;
 mod statistics;
+mod surface;
 mod target_check;
 mod tint;
+mod tracked;
 mod tracking;
 mod transform_models;
 mod working_image;
@@ -72,75 +81,16 @@ mod testkit;
 #[cfg(test)]
 mod tests;
 
-pub use detection::{MAX_SAMPLES, SLICE_BYTES};
+pub use detected::SLICE_BYTES;
+pub use detection::MAX_SAMPLES;
 pub use drift::{NO_MOVEMENT_PX, SMALL_MOVEMENT_PX, drift};
 pub use overlay::overlay;
+pub use result::{Calibration, Dot, DotUse};
 pub use target_check::dot_target;
 
 use crate::imaging::Slices;
 use crate::types::calibration_options::CalibrationOptions;
-use crate::types::distortion::Distortion;
-use crate::types::lateral_colour::LateralColour;
-use crate::types::profile::{CaptureMode, HomographyModel, ProfileSlice};
-use crate::types::report::CalibrationReport;
-use crate::types::{Control, Error, ErrorKind, Interrupted, Warning};
-
-/// How a dot was used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum DotUse {
-    /// It agrees with the homography of its slice.
-    Inlier,
-    /// It does not agree, and was excluded from the fit.
-    Outlier,
-    /// It was not used: the reference slice does not show it, or the slice's homography was predicted.
-    Unused,
-}
-
-/// A measured dot.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Dot {
-    /// Column and row in the grid, the same for all slices. The origin is arbitrary.
-    pub label: [i32; 2],
-    /// Centre in px of its slice.
-    pub at: [f64; 2],
-    /// Standard deviation of each coordinate, px.
-    pub sigma: f64,
-    /// How it was used.
-    pub used: DotUse,
-}
-
-/// The result of a calibration.
-#[derive(Debug, Clone)]
-pub struct Calibration {
-    /// Width of every slice, px.
-    pub width: u32,
-    /// Height of every slice, px.
-    pub height: u32,
-    /// 0-based index of the slice that all others are mapped to.
-    pub reference_index: usize,
-    /// One entry per slice: homography, gain, and their uncertainties.
-    pub slices: Vec<ProfileSlice>,
-    /// Per slice its measured dots.
-    pub dots: Vec<Vec<Dot>>,
-    /// Dot pitch in the reference slice, px.
-    pub dot_pitch_px: f64,
-    /// Image size over target size; `None` unless the pixel pitch and the target pitch were specified.
-    pub magnification: Option<f64>,
-    /// What moves between slices: as found from the scales, else as specified.
-    pub capture_mode: Option<CaptureMode>,
-    /// The transform model of the homographies.
-    pub model: HomographyModel,
-    /// Lens distortion that stays with the sensor; the homographies are then between images without it. `None`: none.
-    pub distortion: Option<Distortion>,
-    /// Lateral colour that is large enough to correct; `None`: no, or not measured.
-    pub lateral_colour: Option<LateralColour>,
-    /// Findings for the user.
-    pub warnings: Vec<Warning>,
-    /// The verdict in one sentence.
-    pub verdict: String,
-    /// The full report.
-    pub report: CalibrationReport,
-}
+use crate::types::{Control, Error, ErrorKind, Interrupted};
 
 /// Calibrates a rig from a stack of a dot target.
 ///
@@ -155,6 +105,20 @@ pub struct Calibration {
 /// - [`ErrorKind::InvalidParameter`] for fewer than two slices, a `reference_index` beyond the stack, or invalid rail
 ///   positions.
 /// - Errors of [`Slices::load`].
+///
+/// # Example
+/// ```
+/// use pinstack_science::calibration::calibrate;
+/// use pinstack_science::synth::{DotTarget, Rendered, Rig};
+/// use pinstack_science::types::{NoControl, calibration_options::CalibrationOptions};
+///
+/// let rig = Rig::sized(300, 200, 3);
+/// let slices = Rendered::target(&rig, &DotTarget::for_rig(&rig, 12));
+/// let calibration = calibrate(&slices, &CalibrationOptions::default(), &NoControl)?;
+/// let error_px = calibration.slices[0].homography.corner_distance(&rig.homography(0), 300, 200);
+/// assert!(calibration.reference_index == 1 && error_px < 0.3);
+/// # Ok::<(), pinstack_science::types::Interrupted>(())
+/// ```
 pub fn calibrate(
     slices: &dyn Slices,
     options: &CalibrationOptions,
@@ -175,7 +139,7 @@ pub fn calibrate(
     }
     let given = rail_positions(options, count)?;
     let mut tracked = tracking::track_all(slices, reference, control)?;
-    falloff::doubt_weak_slices(&mut tracked);
+    falloff::widen_weak_slices(&mut tracked);
     let lens = distortion::analyse(&tracked, reference, control)?;
     if let Some(distortion) = &lens.distortion {
         tracked = distortion::straightened(tracked, distortion);

@@ -1,6 +1,6 @@
 //! The overlay: a slice with its measured dots drawn on it.
 
-use super::{Calibration, Dot, DotUse};
+use super::result::{Calibration, Dot, DotUse};
 use crate::imaging::{Raster, Samples};
 
 /// Inliers.

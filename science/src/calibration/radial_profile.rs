@@ -8,7 +8,11 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::working_image::pixels_within;
 use crate::imaging::Plane;
+
+/// Radius within which a dot contributes contrast, in grid steps.
+pub(super) const REACH: f64 = 0.85;
 
 /// Contrast over distance: linear between values `step` px apart; 0 beyond the last.
 #[derive(Debug, Clone, PartialEq)]
@@ -200,10 +204,6 @@ impl RadialProfile {
         let reach = self.step * self.values.len() as f64;
         let mut plane = Plane::filled(width, height, 0.0_f32);
         let drawn: Vec<&PlacedDot> = dots.iter().filter(|d| d.strength != 0.0).collect();
-        let range = |v: f64, reach: f64, from: usize, to: usize| {
-            let low = (v - reach).ceil().clamp(from as f64, to as f64) as usize;
-            low..((v + reach).floor() + 1.0).clamp(low as f64, to as f64) as usize
-        };
         // value and increment per step, 0 beyond the reach
         let next = |k: usize| self.values.get(k + 1).copied().unwrap_or(0.0);
         let steps: Vec<(f32, f32)> =
@@ -213,10 +213,10 @@ impl RadialProfile {
             let (top, bottom) = (band * BAND, band * BAND + rows.len() / width);
             for dot in &drawn {
                 let strength = dot.strength as f32;
-                for y in range(dot.at[1], reach, top, bottom) {
+                for y in pixels_within(dot.at[1], reach, top..bottom) {
                     let row = &mut rows[(y - top) * width..(y - top + 1) * width];
                     let dy = y as f64 - dot.at[1];
-                    let columns = range(dot.at[0], (reach * reach - dy * dy).max(0.0).sqrt(), 0, width);
+                    let columns = pixels_within(dot.at[0], (reach * reach - dy * dy).max(0.0).sqrt(), 0..width);
                     let (first, dy) = ((columns.start as f64 - dot.at[0]) as f32, dy as f32);
                     for (k, out) in row[columns].iter_mut().enumerate() {
                         let dx = first + k as f32;

@@ -9,7 +9,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::statistics::median;
+use super::statistics::{median, median_of, range};
 
 /// The estimate of one slice from its own dots.
 #[derive(Debug, Clone)]
@@ -74,40 +74,43 @@ impl Law {
     }
 }
 
-/// Combines the slice's own estimate with the prediction from the other slices; returns it with its covariance. Without
-/// a law, the slice's own estimate; `None` when there is neither.
-pub(super) fn combine(
+/// What the other slices lead to expect of slice `index`: the prediction of their law. `None` without a law.
+pub(super) fn predicted(
     own: &[Option<OwnEstimate>],
     positions: &[f64],
     jump: Option<usize>,
     index: usize,
-) -> Option<(OwnEstimate, EstimateSource)> {
+) -> Option<OwnEstimate> {
     // the slice must not count twice
     let mut others = own.to_vec();
     others[index] = None;
-    let law = Law::fit(&others, positions, jump);
-    let mine = own[index].clone();
-    let Some(law) = law else { return mine.map(|mine| (mine, EstimateSource::Dots)) };
-    let expected = law.predict(index);
+    let law = Law::fit(&others, positions, jump)?;
+    let free = law.predict(index);
     let known: Vec<usize> = (0..others.len()).filter(|&i| others[i].is_some()).collect();
-    let spread = DVector::from_iterator(
-        expected.len(),
-        (0..expected.len()).map(|n| law.lines[n].scatter + leverage(&others, &known, positions, n, index, &law)),
-    );
-    let Some(mine) = mine else {
-        return Some((
-            OwnEstimate { free: expected, covariance: DMatrix::from_diagonal(&spread) },
-            EstimateSource::Law,
-        ));
+    let variance = |n: usize| law.lines[n].scatter + leverage(&others, &known, positions, n, index, &law);
+    let spread = DVector::from_iterator(free.len(), (0..free.len()).map(variance));
+    Some(OwnEstimate { free, covariance: DMatrix::from_diagonal(&spread) })
+}
+
+/// Combines the slice's own estimate with what the other slices lead to expect; returns it with its covariance. `None`
+/// when there is neither.
+pub(super) fn combine(
+    mine: Option<&OwnEstimate>,
+    expected: Option<&OwnEstimate>,
+) -> Option<(OwnEstimate, EstimateSource)> {
+    let (mine, expected) = match (mine, expected) {
+        (Some(mine), Some(expected)) => (mine, expected),
+        (Some(mine), None) => return Some((mine.clone(), EstimateSource::Dots)),
+        (None, expected) => return expected.map(|expected| (expected.clone(), EstimateSource::Law)),
     };
-    let from_law = DMatrix::from_diagonal(&spread.map(|v| 1.0 / v.max(1e-30)));
+    let from_law = DMatrix::from_diagonal(&expected.covariance.diagonal().map(|v| 1.0 / v.max(1e-30)));
     let from_dots = mine.covariance.clone().try_inverse()?;
     // where the two contradict each other more than both covariances allow, neither is as certain as it claims
-    let apart = &mine.free - &expected;
-    let together = (&mine.covariance + DMatrix::from_diagonal(&spread)).try_inverse()?;
+    let apart = &mine.free - &expected.free;
+    let together = (&mine.covariance + &expected.covariance).try_inverse()?;
     let contradiction = ((apart.transpose() * together * &apart)[(0, 0)] / apart.len() as f64).max(1.0);
     let covariance = (&from_dots + &from_law).try_inverse()?;
-    let free = &covariance * (from_dots * &mine.free + from_law * expected);
+    let free = &covariance * (from_dots * &mine.free + from_law * &expected.free);
     let covariance = covariance * contradiction;
     Some((OwnEstimate { free, covariance }, EstimateSource::Dots))
 }
@@ -200,9 +203,9 @@ pub(super) fn positions_by_scale(
         }
     }
     let growth = median(&mut slopes);
-    let span = positions.iter().fold(f64::MIN, |m, z| m.max(*z)) - positions.iter().fold(f64::MAX, |m, z| m.min(*z));
-    let mut sigmas: Vec<f64> = scale.iter().flatten().map(|s| s.1).collect();
-    let sure = known.len() >= MIN_SLICES && (growth * span).abs() > 20.0 * median(&mut sigmas).max(1e-7);
+    let (low, high) = range(positions.iter().copied());
+    let sigma = median_of(scale.iter().flatten().map(|s| s.1)).max(1e-7);
+    let sure = known.len() >= MIN_SLICES && (growth * (high - low)).abs() > 20.0 * sigma;
     sure.then(|| {
         let at = |s: (f64, f64)| (positions[reference] + s.0 / growth, (s.1 / growth).abs());
         scale.iter().map(|s| s.map(at)).collect()
@@ -238,6 +241,10 @@ mod tests {
         (own, positions, truth)
     }
 
+    fn combined(own: &[Option<OwnEstimate>], positions: &[f64], index: usize) -> Option<(OwnEstimate, EstimateSource)> {
+        combine(own[index].as_ref(), predicted(own, positions, None, index).as_ref())
+    }
+
     #[test]
     fn an_unmeasured_slice_is_predicted_with_a_realistic_sigma() {
         let (mut inside, mut trials) = (0, 0);
@@ -246,7 +253,7 @@ mod tests {
             own[0] = None;
             own[7] = None;
             for index in [0, 7] {
-                let (settled, source) = combine(&own, &positions, None, index).expect("predicted");
+                let (settled, source) = combined(&own, &positions, index).expect("predicted");
                 assert_eq!(source, EstimateSource::Law);
                 trials += 1;
                 let sigma = settled.covariance[(0, 0)].sqrt();
@@ -262,10 +269,10 @@ mod tests {
         let (mut alone, mut together) = (0.0, 0.0);
         for seed in 0..40 {
             let (own, positions, truth) = stack(13, 1e-4, |i| if i == 0 { 2e-3 } else { 1e-5 }, seed);
-            let (poor, _) = combine(&own, &positions, None, 0).expect("settled");
+            let (poor, _) = combined(&own, &positions, 0).expect("settled");
             alone += (own[0].as_ref().expect("measured").free[0] - truth[0]).powi(2);
             together += (poor.free[0] - truth[0]).powi(2);
-            let (good, source) = combine(&own, &positions, None, 6).expect("settled");
+            let (good, source) = combined(&own, &positions, 6).expect("settled");
             assert_eq!(source, EstimateSource::Dots);
             assert!((good.free[0] - truth[6]).abs() < 5e-5);
         }
@@ -276,7 +283,7 @@ mod tests {
     fn too_few_slices_make_no_law() {
         let (own, positions, _) = stack(3, 0.0, |_| 1e-5, 1);
         assert!(Law::fit(&own, &positions, None).is_none());
-        assert_eq!(combine(&own, &positions, None, 1).map(|s| s.1), Some(EstimateSource::Dots));
+        assert_eq!(combined(&own, &positions, 1).map(|s| s.1), Some(EstimateSource::Dots));
     }
 
     #[test]

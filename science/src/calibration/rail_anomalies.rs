@@ -1,6 +1,6 @@
 //! Anomalies of the rail: missing, doubled, reversed and uneven steps, and sideways jumps of the image.
 
-use super::statistics::median;
+use super::statistics::{mad_sigma, median_of};
 
 /// A motion of the image that is not along the rail.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -75,9 +75,9 @@ pub(super) fn step_anomalies(by_scale: &[Option<(f64, f64)>], expected: &[f64]) 
     if lengths.len() < 3 {
         return Vec::new();
     }
-    let usual = median(&mut lengths.iter().map(|l| l.1).collect::<Vec<_>>());
+    let usual = median_of(lengths.iter().map(|l| l.1));
     // a rail whose steps vary all the time has a larger limit
-    let wobble = 1.4826 * median(&mut lengths.iter().map(|l| (l.1 / usual - 1.0).abs()).collect::<Vec<_>>());
+    let wobble = mad_sigma(lengths.iter().map(|l| l.1 / usual - 1.0));
     let mut anomalies = Vec::new();
     for (after, length, sigma) in lengths {
         let steps = length / usual;

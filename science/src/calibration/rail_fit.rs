@@ -22,7 +22,7 @@ const HUBER: f64 = 1.5;
 impl RailFit {
     /// Iteratively reweighted least squares over all dots. `matches` per slice; `offsets`: rail positions relative to
     /// the reference slice.
-    pub(super) fn fit(matches: &[Vec<Match>], offsets: &[f64]) -> Option<Self> {
+    pub(super) fn fit(matches: &[impl AsRef<[Match]>], offsets: &[f64]) -> Option<Self> {
         let mut found = Vector3::zeros();
         let mut scatter = f64::INFINITY;
         let mut covariance = Matrix3::identity();
@@ -30,7 +30,7 @@ impl RailFit {
             let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
             let (mut square, mut sizes) = (0.0, Vec::new());
             for (dots, dz) in matches.iter().zip(offsets) {
-                for m in dots {
+                for m in dots.as_ref() {
                     let rows = [0, 1].map(|a| {
                         let mut row = Vector3::new(m.base[a], 0.0, 0.0);
                         row[1 + a] = 1.0;

@@ -4,8 +4,7 @@
 //! most one step, and single slices far from it are left out; the step and the slices left out are found together,
 //! because either hides the other.
 
-use nalgebra::{DMatrix, DVector};
-
+use super::line_fit::{Line, Point};
 use super::rail_anomalies::{Jump, RailAnomaly};
 
 /// Fewest measured slices in which a lasting jump can be told from a slope.
@@ -55,15 +54,13 @@ pub(super) fn find(motions: &[Option<[f64; 3]>], positions: &[f64], half: f64) -
     out
 }
 
-/// A measured slice: its index, its rail position, and `D` coordinates, px.
-type Point<const D: usize> = (usize, f64, [f64; D]);
-
 fn part<const D: usize>(
     motions: &[Option<[f64; 3]>],
     positions: &[f64],
     of: impl Fn([f64; 3]) -> [f64; D],
 ) -> Vec<Point<D>> {
-    motions.iter().zip(positions).enumerate().filter_map(|(i, (m, z))| m.map(|m| (i, *z, of(m)))).collect()
+    let point = |(slice, (m, z)): (usize, (&Option<[f64; 3]>, &f64))| m.map(|m| Point { slice, z: *z, at: of(m) });
+    motions.iter().zip(positions).enumerate().filter_map(point).collect()
 }
 
 /// Jumps of some coordinates.
@@ -85,7 +82,7 @@ fn of_part<const D: usize>(points: &[Point<D>]) -> Jumps<D> {
     let Some(plain) = Candidate::new(points, None) else { return Jumps { lasting: None, single: Vec::new() } };
     let cuts = if points.len() < MIN_SLICES { 0..0 } else { 2..points.len() - 1 };
     let best = cuts
-        .filter_map(|k| Candidate::new(points, Some(points[k].0)))
+        .filter_map(|k| Candidate::new(points, Some(points[k].slice)))
         .filter(Candidate::is_justified)
         .min_by(|a, b| a.single.len().cmp(&b.single.len()).then(a.line.scatter.total_cmp(&b.line.scatter)));
     let is_simpler =
@@ -105,14 +102,16 @@ impl<const D: usize> Candidate<D> {
             let away = |k: usize| {
                 let others: Vec<Point<D>> = kept.iter().enumerate().filter(|(n, _)| *n != k).map(|(_, p)| *p).collect();
                 let line = Line::fit(&others, cut)?;
-                let (at, sigma) = line.predict(&kept[k]);
-                let by: [f64; D] = std::array::from_fn(|a| kept[k].2[a] - at[a]);
+                let (at, sigma) = line.predict(kept[k].slice, kept[k].z);
+                // few slices determine their scatter poorly
+                let sigma = sigma * (1.0 + 2.5 / line.freedom);
+                let by: [f64; D] = std::array::from_fn(|a| kept[k].at[a] - at[a]);
                 let size = norm(&by);
                 (size > LEAST_AWAY.max(AWAY * sigma)).then_some((size / sigma.max(1e-6), k, by))
             };
             let farthest = (0..kept.len()).filter_map(away).max_by(|a, b| a.0.total_cmp(&b.0));
             let Some((_, k, by)) = farthest else { break };
-            single.push((kept.remove(k).0, by));
+            single.push((kept.remove(k).slice, by));
         }
         Some(Self { line: Line::fit(&kept, cut)?, kept, single })
     }
@@ -123,54 +122,6 @@ impl<const D: usize> Candidate<D> {
         let Some(plain) = Line::fit(&self.kept, None) else { return false };
         self.line.left < LEFT * (self.line.freedom / AMPLE).min(1.0) * plain.left
             && norm(step) > LEAST_JUMP.max(CLEAR * self.line.scatter)
-    }
-}
-
-/// A least-squares line through all coordinates.
-struct Line<const D: usize> {
-    /// Inverse of the normal matrix.
-    inverse: DMatrix<f64>,
-    /// Per coordinate: value at position 0, slope, and step.
-    numbers: [DVector<f64>; D],
-    /// The slice of the step, and its size.
-    step: Option<(usize, [f64; D])>,
-    /// Sum of the squared residuals.
-    left: f64,
-    /// Standard deviation of the residuals per coordinate.
-    scatter: f64,
-    /// Residuals that are free.
-    freedom: f64,
-}
-
-fn row<const D: usize>(point: &Point<D>, cut: Option<usize>) -> Vec<f64> {
-    let step = cut.map(|cut| f64::from(u8::from(point.0 >= cut)));
-    [1.0, point.1].into_iter().chain(step).collect()
-}
-
-impl<const D: usize> Line<D> {
-    fn fit(points: &[Point<D>], cut: Option<usize>) -> Option<Self> {
-        let unknowns = 2 + usize::from(cut.is_some());
-        let freedom = (D * points.len()).checked_sub(D * unknowns).filter(|free| *free > 0)? as f64;
-        let rows = DMatrix::from_row_iterator(points.len(), unknowns, points.iter().flat_map(|p| row(p, cut)));
-        let inverse = (rows.transpose() * &rows).try_inverse()?;
-        let mut left = 0.0;
-        let numbers: [DVector<f64>; D] = std::array::from_fn(|a| {
-            let values = DVector::from_iterator(points.len(), points.iter().map(|p| p.2[a]));
-            let numbers = &inverse * rows.transpose() * &values;
-            left += (&values - &rows * &numbers).norm_squared();
-            numbers
-        });
-        let step = cut.map(|cut| (cut, std::array::from_fn(|a| numbers[a][2])));
-        Some(Self { inverse, numbers, step, left, scatter: (left / freedom).sqrt(), freedom })
-    }
-
-    /// Where the slice should be, and the standard deviation there, per coordinate.
-    fn predict(&self, point: &Point<D>) -> ([f64; D], f64) {
-        let row = DVector::from_vec(row(point, self.step.map(|step| step.0)));
-        let leverage = (row.transpose() * &self.inverse * &row)[(0, 0)];
-        // few slices determine their scatter poorly
-        let sigma = self.scatter * (1.0 + leverage).sqrt() * (1.0 + 2.5 / self.freedom);
-        (std::array::from_fn(|a| self.numbers[a].dot(&row)), sigma)
     }
 }
 

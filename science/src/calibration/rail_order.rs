@@ -1,6 +1,6 @@
 //! The order of the slices on the rail, by their scales.
 
-use super::statistics::median;
+use super::statistics::median_of;
 
 /// Fewest measured slices that have an order.
 const MIN_SLICES: usize = 4;
@@ -19,7 +19,7 @@ pub(super) fn true_order(scales: &[Option<(f64, f64)>]) -> Option<Vec<usize>> {
         return None;
     }
     let steps: Vec<(f64, f64)> = known.windows(2).map(|w| (w[1].1 - w[0].1, w[0].2.hypot(w[1].2))).collect();
-    let usual = median(&mut steps.iter().map(|s| s.0.abs()).collect::<Vec<_>>());
+    let usual = median_of(steps.iter().map(|s| s.0.abs()));
     let clear = |s: &&(f64, f64)| s.0.abs() > SHARE * usual && s.0.abs() > SIGMAS * s.1;
     let rising = steps.iter().filter(clear).filter(|s| s.0 > 0.0).count();
     let falling = steps.iter().filter(clear).filter(|s| s.0 < 0.0).count();

@@ -2,7 +2,7 @@
 //! 1984). It needs no threshold and tolerates up to 50 % outliers.
 
 use super::dlt::{self, Pair};
-use super::statistics::median;
+use super::statistics::{median, median_of};
 use crate::types::Homography;
 
 /// A homography and its inliers.
@@ -73,7 +73,7 @@ pub(super) fn consensus(pairs: &[Pair], least: f64, most: f64) -> Option<Consens
         }
         let kept: Vec<Pair> = pairs.iter().zip(&is_inlier).filter(|(_, a)| **a).map(|(p, _)| *p).collect();
         homography = dlt::fit(&kept)?;
-        score = median(&mut kept.iter().map(|pair| transfer_error(&homography, pair)).collect::<Vec<_>>());
+        score = median_of(kept.iter().map(|pair| transfer_error(&homography, pair)));
     }
     Some(Consensus { homography, is_inlier })
 }

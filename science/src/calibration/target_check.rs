@@ -1,6 +1,6 @@
 //! Recognises an image of a dot target.
 
-use super::detection;
+use super::{detection, statistics::range};
 use crate::{
     imaging::{Raster, thumbnail},
     types::{Cancelled, Control},
@@ -20,16 +20,25 @@ const SPANNED: f64 = 0.2;
 ///
 /// # Errors
 /// When the work is cancelled.
+///
+/// # Example
+/// ```
+/// use pinstack_science::calibration::dot_target;
+/// use pinstack_science::synth::{DotTarget, Rig, render_target};
+/// use pinstack_science::types::NoControl;
+///
+/// let rig = Rig::sized(600, 400, 5);
+/// let picture = render_target(&rig, &DotTarget::for_rig(&rig, 18), 2);
+/// assert!(dot_target(&picture, &NoControl)?.is_some_and(|dots| dots > 100));
+/// # Ok::<(), pinstack_science::types::Cancelled>(())
+/// ```
 pub fn dot_target(picture: &Raster, control: &dyn Control) -> Result<Option<usize>, Cancelled> {
     let picture = thumbnail::luma(picture, SIDE);
     let Some((_, lattice)) = detection::detect_grid(&picture, control)? else { return Ok(None) };
-    let span = |values: &mut dyn Iterator<Item = f64>| {
-        let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
-        (high - low).max(0.0)
-    };
+    let span = |(low, high): (f64, f64)| (high - low).max(0.0);
     let places = &lattice.places;
-    let cells = [0, 1].map(|axis| 1.0 + span(&mut places.keys().map(|label| f64::from(label[axis]))));
-    let extent = [0, 1].map(|axis| span(&mut places.values().map(|place| place[axis])));
+    let cells = [0, 1].map(|axis| 1.0 + span(range(places.keys().map(|label| f64::from(label[axis])))));
+    let extent = [0, 1].map(|axis| span(range(places.values().map(|place| place[axis]))));
     let is_filled = places.len() as f64 >= FILLED * cells[0] * cells[1];
     let is_wide = extent[0] * extent[1] >= SPANNED * (picture.width * picture.height) as f64;
     Ok((places.len() >= MIN_DOTS && is_filled && is_wide).then_some(places.len()))

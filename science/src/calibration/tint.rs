@@ -1,7 +1,6 @@
 //! The tint of a slice: red and blue light over green light, by which slices with another white balance are named.
 
-use super::detection::Detection;
-use super::dot_photometry::to_light;
+use super::{detected::Detection, dot_photometry::to_light, statistics::range};
 use crate::imaging::{Raster, Samples};
 
 /// Pixels that are read per slice, along each axis; fewer than twice as many in slices that are not a multiple of it.
@@ -16,8 +15,7 @@ pub(super) fn tint(slice: &Raster, detection: &Detection) -> Option<[f64; 2]> {
         return None;
     }
     let span = |axis: usize, size: usize| {
-        let (low, high) =
-            detection.dots.values().fold((f64::MAX, f64::MIN), |b, d| (b.0.min(d.at[axis]), b.1.max(d.at[axis])));
+        let (low, high) = range(detection.dots.values().map(|d| d.at[axis]));
         let low = low.clamp(0.0, size as f64) as usize;
         low..(high.clamp(0.0, size as f64) as usize).max(low)
     };

@@ -5,35 +5,15 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::coarse_registration::SimilarityMotion;
-use super::detection::{self, Detection, Diagnosis, Expected, Target};
-use super::identity::{self, Labelling};
-use super::lateral_colour::{self, MeasuredColours};
-use super::lattice::Places;
-use super::statistics::median;
-use super::tint;
+use super::detected::{Detection, Expected, Target};
+use super::detection::{self, Diagnosis};
+use super::{
+    coarse_registration::SimilarityMotion, identity, lateral_colour, lattice::Places, names::first_names,
+    statistics::median_of, tint, tracked::Tracked,
+};
 use crate::imaging::{Raster, Slices};
 use crate::types::error::ErrorLocation;
 use crate::types::{Control, Error, ErrorKind, Interrupted};
-
-/// The grid in all slices.
-#[derive(Debug)]
-pub(super) struct Tracked {
-    /// Width of every slice, px.
-    pub width: usize,
-    /// Height of every slice, px.
-    pub height: usize,
-    /// Properties of the target.
-    pub target: Target,
-    /// Per slice its dots; `None` where the grid was not found.
-    pub detections: Vec<Option<Detection>>,
-    /// Per slice without a grid the likely reason.
-    pub diagnoses: Vec<Option<Diagnosis>>,
-    /// Per slice whether its labels are certain.
-    pub labelling: Vec<Labelling>,
-    /// Lateral colour in the slice in which the grid was found first; `None` for grey slices.
-    pub colours: Option<MeasuredColours>,
-}
 
 /// Most slices in which the grid is searched for, besides the reference.
 const MAX_TRIED: usize = 9;
@@ -81,7 +61,7 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
     let (width, height, _) = loader.size.unwrap_or_default();
     let found = (Some(detection), None);
     let (mut detections, diagnoses): (Vec<_>, Vec<_>) = down.into_iter().rev().chain([found]).chain(up).unzip();
-    let labelling = identity::settle(&mut detections, start);
+    let labelling = identity::resolve_labels(&mut detections, start);
     same_orientation(slices, &detections, start, target.code.is_some())?;
     Ok(Tracked { width, height, target, detections, diagnoses, labelling, colours })
 }
@@ -107,8 +87,7 @@ struct Course {
 
 impl Course {
     fn expected(&self) -> Expected {
-        let middle =
-            |of: &dyn Fn(&SimilarityMotion) -> f64| median(&mut self.motions.iter().map(of).collect::<Vec<_>>());
+        let middle = |of: &dyn Fn(&SimilarityMotion) -> f64| median_of(self.motions.iter().map(of));
         let maybe_inverted = self.merged || self.gap > 1;
         if self.motions.is_empty() {
             return Expected { motion: SimilarityMotion::NONE, confident: false, maybe_inverted };
@@ -246,7 +225,7 @@ impl Loader<'_> {
 }
 
 fn no_grid(slices: &dyn Slices, tried: &[(usize, Diagnosis)]) -> Error {
-    let names: Vec<&str> = tried.iter().take(5).map(|(index, _)| slices.name(*index)).collect();
+    let searched: Vec<usize> = tried.iter().map(|(index, _)| *index).collect();
     let same = tried
         .first()
         .filter(|(_, first)| tried.iter().all(|(_, diagnosis)| diagnosis == first))
@@ -259,10 +238,9 @@ fn no_grid(slices: &dyn Slices, tried: &[(usize, Diagnosis)]) -> Error {
         format!("the {} slices that were searched", tried.len())
     };
     let detail = format!(
-        "no grid of dots was found in {slices_searched} ({}{}){why}; the target needs at least 12 whole \
+        "no grid of dots was found in {slices_searched} ({}){why}; the target needs at least 12 whole \
          round dots in 3 rows and 3 columns, sharp in at least one slice, evenly lit and not clipped",
-        names.join(", "),
-        if tried.len() > names.len() { ", ..." } else { "" },
+        first_names(slices, &searched, 5),
     );
     let mut error = Error::new(ErrorKind::TargetNotFound, detail);
     for (index, diagnosis) in tried {

@@ -7,8 +7,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3};
 
-use crate::types::Homography;
-use crate::types::profile::HomographyModel;
+use crate::types::{Homography, profile::HomographyModel};
 
 /// A transform model with parameters of its own per slice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,10 +19,6 @@ pub(super) enum TransformModel {
     /// 8 parameters, as in Li and Nguyen (2019).
     Homography,
 }
-
-/// All models, simplest first.
-pub(super) const ALL: [TransformModel; 3] =
-    [TransformModel::Similarity, TransformModel::Affine, TransformModel::Homography];
 
 /// The eight parameters of a transform, row by row, as differences from the identity: `[1 + p0, p1, p2; p3, 1 + p4, p5;
 /// p6, p7, 1]`.
@@ -102,17 +97,8 @@ impl Frame {
     /// The homography slice px -> reference px: the inverse of the transform with these parameters.
     pub(super) fn homography(&self, p: &Parameters) -> Option<Homography> {
         let map = Matrix3::new(1.0 + p[0], p[1], p[2], p[3], 1.0 + p[4], p[5], p[6], p[7], 1.0);
-        let to_unit = Matrix3::new(
-            1.0 / self.half,
-            0.0,
-            -self.centre[0] / self.half,
-            0.0,
-            1.0 / self.half,
-            -self.centre[1] / self.half,
-            0.0,
-            0.0,
-            1.0,
-        );
+        let (scale, [x, y]) = (1.0 / self.half, self.centre.map(|c| -c / self.half));
+        let to_unit = Matrix3::new(scale, 0.0, x, 0.0, scale, y, 0.0, 0.0, 1.0);
         Homography::from_matrix(&(to_unit.try_inverse()? * map.try_inverse()? * to_unit))
     }
 }

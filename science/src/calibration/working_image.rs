@@ -1,5 +1,7 @@
 //! The working image: grey, at a resolution that suits the dot pitch. Dots are measured in it.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::imaging::{LUMA, Plane, Raster, Samples};
@@ -112,6 +114,13 @@ fn luma<T: Copy>(pixel: &[T], value: impl Fn(T) -> f32) -> f32 {
         [grey, ..] => value(*grey),
         [] => 0.0,
     }
+}
+
+/// The pixels of `range` within `reach` of `v`, along one axis.
+#[inline]
+pub(super) fn pixels_within(v: f64, reach: f64, range: Range<usize>) -> Range<usize> {
+    let low = (v - reach).ceil().clamp(range.start as f64, range.end as f64) as usize;
+    low..((v + reach).floor() + 1.0).clamp(low as f64, range.end as f64) as usize
 }
 
 /// Bilinear sample; `None` outside.

@@ -6,10 +6,9 @@
 //! x_k|) + c_k D(|x - x_k|)`. The signs of the code are random, so `M` and `D` are estimated one after the other: `M`
 //! from the contrast, `D` from the rest.
 
-use super::CodePlace;
-use crate::calibration::inpainting::REACH;
-use crate::calibration::lattice::Places;
-use crate::calibration::radial_profile::{PlacedDot, RadialProfile};
+use super::place::CodePlace;
+use crate::calibration::radial_profile::{PlacedDot, REACH, RadialProfile};
+use crate::calibration::{lattice::Places, working_image::pixels_within};
 use crate::imaging::Plane;
 
 /// Pixels within this distance of a dot, in grid steps, are used: others may show dots that are not known yet.
@@ -56,14 +55,10 @@ impl SizeDifferences {
 /// 1 within `reach` px of a dot, else 0.
 fn near_dots(places: &Places, reach: f64, width: usize, height: usize) -> Plane<u8> {
     let mut near = Plane::filled(width, height, 0_u8);
-    let range = |v: f64, reach: f64, size: usize| {
-        let low = (v - reach).ceil().clamp(0.0, size as f64) as usize;
-        low..((v + reach).floor() + 1.0).clamp(low as f64, size as f64) as usize
-    };
     for at in places.values() {
-        for y in range(at[1], reach, height) {
+        for y in pixels_within(at[1], reach, 0..height) {
             let half = (reach * reach - (y as f64 - at[1]).powi(2)).max(0.0).sqrt();
-            near.row_mut(y)[range(at[0], half, width)].fill(1);
+            near.row_mut(y)[pixels_within(at[0], half, 0..width)].fill(1);
         }
     }
     near

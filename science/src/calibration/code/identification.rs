@@ -1,8 +1,9 @@
 //! Identification of the dots of a tracked slice: are the labels, which tracking carried over from the neighbour, those
 //! of the code?
 
-use super::{CodePlace, Identity, agreement, reading, recognise_readings, significance};
-use crate::calibration::lattice::{Label, Places};
+use super::place::{CodePlace, Identity, agreement};
+use super::{reading, recognise_readings, significance};
+use crate::calibration::lattice::{Label, Places, label_range};
 use crate::imaging::Plane;
 use crate::target::CODE_PERIOD;
 
@@ -63,8 +64,8 @@ pub(in crate::calibration) fn relabelled(places: &Places, from: &CodePlace, to: 
 
 /// The middle of the labels.
 fn middle(places: &Places) -> Label {
-    [0, 1].map(|a| {
-        let (low, high) = places.keys().fold((i32::MAX, i32::MIN), |(l, h), label| (l.min(label[a]), h.max(label[a])));
+    [0, 1].map(|axis| {
+        let (low, high) = label_range(places.keys().copied(), axis);
         if places.is_empty() { 0 } else { (low + high) / 2 }
     })
 }

@@ -7,7 +7,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::calibration::lattice::{self, Label, Places};
-use crate::calibration::statistics::median;
+use crate::calibration::statistics::median_of;
 use crate::imaging::Plane;
 
 /// Radius of the disc, in grid steps.
@@ -25,8 +25,7 @@ pub(super) fn read(contrast: &Plane<f32>, places: &Places) -> Vec<(Label, f64)> 
         .filter_map(|(label, at)| mean_in_disc(contrast, *at, RADIUS * pitch).map(|mean| (*label, *at, mean)))
         .collect();
     let Some(deviations) = deviations(&means, contrast.width.max(contrast.height) as f64) else { return Vec::new() };
-    let mut sizes: Vec<f64> = deviations.iter().map(|d| d.abs()).collect();
-    let full = (FULL * median(&mut sizes)).max(1e-9);
+    let full = (FULL * median_of(deviations.iter().map(|d| d.abs()))).max(1e-9);
     means
         .iter()
         .zip(&deviations)

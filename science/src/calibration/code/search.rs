@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use rustfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
 
-use super::{CodePlace, Symmetry, agreement};
+use super::place::{CodePlace, Symmetry, agreement};
 use crate::calibration::lattice::Label;
 use crate::target::{CODE_PERIOD, dot_size};
 

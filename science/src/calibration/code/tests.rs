@@ -1,5 +1,6 @@
 //! Recognition of the code: from readings, and end to end from rendered stacks.
 
+use super::place::Symmetry;
 use super::*;
 use crate::calibration::testkit::Noise;
 use crate::calibration::{Calibration, calibrate};

@@ -1,6 +1,6 @@
 //! Diagnosis: why a slice shows no grid.
 
-use crate::calibration::statistics::quantile;
+use crate::calibration::statistics::{quantile, thinned};
 use crate::calibration::working_image::WorkingImage;
 use crate::imaging::{Plane, Raster};
 
@@ -36,8 +36,7 @@ impl Diagnosis {
 pub(crate) fn diagnose(slice: &Raster) -> Diagnosis {
     let image = WorkingImage::of(slice, slice.width.max(slice.height).div_ceil(1600).max(1));
     let plane = &image.plane;
-    let stride = (plane.data.len() / 50_000).max(1) | 1;
-    let mut levels: Vec<f64> = plane.data.iter().step_by(stride).map(|&v| f64::from(v)).collect();
+    let mut levels = thinned(plane);
     let (dark, bright) = (quantile(&mut levels, 0.02), quantile(&mut levels, 0.98));
     match () {
         () if image.clipped > 0.3 => Diagnosis::Clipped,

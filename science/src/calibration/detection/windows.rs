@@ -2,11 +2,12 @@
 
 use crate::calibration::lattice::{Label, Places};
 use crate::calibration::phase::{self, PhaseMeasurement, Window};
-use crate::calibration::statistics::median;
-use crate::calibration::working_image::WorkingImage;
+use crate::calibration::{statistics::median_point, working_image::WorkingImage};
 
 /// Most dots that are measured per slice; more do not improve its homography.
-pub(super) const MAX_DOTS: usize = 1200;
+pub(in crate::calibration) const MAX_DOTS: usize = 1200;
+/// Largest distance of a dot from its predicted position, grid steps.
+pub(super) const MAX_SHIFT: f64 = 0.3;
 
 /// The dots whose windows lie in the image; an even selection when there are very many.
 pub(super) fn selected_labels(image: &WorkingImage, places: &Places) -> Vec<Label> {
@@ -52,12 +53,13 @@ pub(super) fn dot_position(window: &Window, phase: &PhaseMeasurement, sign: f64)
     [0, 1].map(|a| window.at[a] + shift[0] * window.steps[0][a] + shift[1] * window.steps[1][a])
 }
 
+/// True when `p`, px of the working image, lies in it.
 pub(super) fn in_picture(image: &WorkingImage, p: &[f64; 2]) -> bool {
     p[0] >= 0.0 && p[1] >= 0.0 && p[0] <= image.plane.width as f64 - 1.0 && p[1] <= image.plane.height as f64 - 1.0
 }
 
 /// The two grid steps: medians over all neighbours.
-pub(crate) fn grid_steps(places: &Places) -> [[f64; 2]; 2] {
+pub(in crate::calibration) fn grid_steps(places: &Places) -> [[f64; 2]; 2] {
     [[1, 0], [0, 1]].map(|step: Label| {
         let between: Vec<[f64; 2]> = places
             .iter()
@@ -65,7 +67,7 @@ pub(crate) fn grid_steps(places: &Places) -> [[f64; 2]; 2] {
                 places.get(&[label[0] + step[0], label[1] + step[1]]).map(|q| [q[0] - p[0], q[1] - p[1]])
             })
             .collect();
-        [0, 1].map(|a| median(&mut between.iter().map(|d| d[a]).collect::<Vec<_>>()))
+        median_point(&between)
     })
 }
 

@@ -21,15 +21,10 @@ mod tests;
 
 use fit::{Coefficients, JointFit, View, fit, predict};
 
-use super::detection::Detection;
-use super::dlt;
-use super::grade::Finding;
-use super::solve::find_inliers;
-use super::tracking::Tracked;
 use super::transform_models::{self, Frame, Match, TransformModel};
-use crate::types::distortion::Distortion;
-use crate::types::report::Grade;
+use super::{detected::Detection, dlt, grade::Finding, solve::find_inliers, tracked::Tracked};
 use crate::types::{Cancelled, Control, Homography};
+use crate::types::{distortion::Distortion, report::Grade};
 
 /// What the dots say about distortion.
 #[derive(Debug, Clone, Default)]
@@ -58,9 +53,6 @@ const ACCORD: f64 = 0.35;
 const GRID_ACCURACY: f64 = 0.05;
 
 /// Analyses the dots of all slices.
-///
-/// # Errors
-/// When the work is cancelled.
 pub(super) fn analyse(tracked: &Tracked, reference: usize, control: &dyn Control) -> Result<LensAnalysis, Cancelled> {
     control.check()?;
     let Some(base) = tracked.detections[reference].as_ref() else { return Ok(LensAnalysis::default()) };

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::super::coarse_registration::SimilarityMotion;
-use super::super::detection::{MeasuredDot, Target};
+use super::super::detected::{MeasuredDot, Target};
 use super::super::dot_photometry::DotBrightness;
 use super::super::flat_field::Polarity;
 use super::super::identity::Labelling;

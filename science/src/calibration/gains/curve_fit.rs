@@ -1,6 +1,6 @@
 //! How well one tone curve explains the brightness of a stack.
 
-use super::law::{Point, SmoothLaw};
+use super::gain_model::{GainModel, Point};
 use super::ln::Ln;
 use super::tone::{self, TONES, tone};
 
@@ -21,7 +21,7 @@ pub(super) struct Brightness {
 pub(super) struct CurveFit {
     /// Points of the square root of the light over the rail, which is straight for a fixed lens.
     points: Vec<Point>,
-    /// Scatter about the smooth law; `None` with too few slices for one.
+    /// Scatter about the smooth model; `None` with too few slices for one.
     pub scatter: Option<f64>,
     /// Sum of squared deviations between mean light and bright level, in standard deviations.
     off_bright: f64,
@@ -34,7 +34,7 @@ pub(super) struct CurveFit {
 }
 
 /// Least number of slices whose brightness over the rail says something about the tone curve.
-const LAW_SLICES: usize = 5;
+const MODEL_SLICES: usize = 5;
 
 impl CurveFit {
     pub(super) fn of(
@@ -57,10 +57,10 @@ impl CurveFit {
                 Some(Point { z: positions[i], value: root, sigma: 0.5 * root * mean.sigma })
             })
             .collect();
-        let scatter = (points.len() >= LAW_SLICES)
-            .then(|| SmoothLaw::fit(&points, 0.5 * LIGHT_CURVATURE, None))
+        let scatter = (points.len() >= MODEL_SLICES)
+            .then(|| GainModel::fit(&points, 0.5 * LIGHT_CURVATURE, None))
             .flatten()
-            .map(|law| law.scatter);
+            .map(|model| model.scatter);
         // bright = slope * gain + offset; the offset is an error of the reference slice's bright level
         let pairs = (0..all.len()).filter(|&i| i != reference).filter_map(|i| {
             let bright = all[i].as_ref()?.bright?;
@@ -84,11 +84,11 @@ impl CurveFit {
         })
     }
 
-    /// Twice the negative log-likelihood for light that scatters by `scatter` about a smooth law.
+    /// Twice the negative log-likelihood for light that scatters by `scatter` about a smooth model.
     pub(super) fn cost(&self, scatter: f64) -> f64 {
-        let law = (self.points.len() >= LAW_SLICES)
-            .then(|| SmoothLaw::fit(&self.points, 0.5 * LIGHT_CURVATURE, Some(scatter)))
+        let model = (self.points.len() >= MODEL_SLICES)
+            .then(|| GainModel::fit(&self.points, 0.5 * LIGHT_CURVATURE, Some(scatter)))
             .flatten();
-        law.map_or(0.0, |law| law.cost) + self.off_bright
+        model.map_or(0.0, |model| model.cost) + self.off_bright
     }
 }

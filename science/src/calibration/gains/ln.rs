@@ -2,6 +2,8 @@
 
 /// Least relative standard deviation of a gain.
 pub(super) const LEAST_SIGMA: f64 = 2e-4;
+/// Largest relative standard deviation of a gain that counts as measured.
+pub(in crate::calibration) const MAX_SIGMA: f64 = 0.005;
 
 /// The natural logarithm of a factor, with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]

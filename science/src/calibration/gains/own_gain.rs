@@ -1,13 +1,10 @@
 //! The gain of each slice from its own brightness: mean light and bright level.
 
 use super::curve_fit::{Brightness, CurveFit};
-use super::ln::{LEAST_SIGMA, Ln};
+use super::ln::{LEAST_SIGMA, Ln, MAX_SIGMA};
 use super::tone::{self, TONES, tone};
-use super::{MAX_SIGMA, OWN, blurs, fill};
-use crate::calibration::detection::Detection;
 use crate::calibration::dot_photometry::{self, DotBrightness};
-use crate::calibration::statistics::median;
-use crate::calibration::tracking::Tracked;
+use crate::calibration::{detected::Detection, statistics::median, tracked::Tracked};
 
 /// Largest share of a dot's window that may be synthetic or at full scale when brightness is compared.
 const MAX_INVALID: f64 = 0.02;
@@ -19,6 +16,8 @@ const SHAPE_DOUBT: f64 = 0.02;
 const HALO_DOUBT: f64 = 0.2;
 /// Least response that a relative standard deviation is taken of.
 const LEAST_SLOPE: f64 = 0.1;
+/// Deviation from the gain model, in standard deviations, from which a slice keeps its own gain.
+pub(super) const OWN: f64 = 4.0;
 
 /// The gain of a slice from its own brightness.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,11 +36,11 @@ impl OwnGain {
         Ln { value: self.value, sigma: self.noise.hypot(self.response * self.value) }
     }
 
-    /// The difference to the law, when it is significant. How uncertain the response is matters only as far as the law
-    /// itself is away from 1: a slice with half of the light is off its law whatever the response.
-    pub(super) fn off(self, law: Ln) -> Option<f64> {
-        let off = self.value - law.value;
-        let sigma = self.noise.hypot(self.response * law.value).hypot(law.sigma);
+    /// The difference to the gain model, when it is significant. How uncertain the response is matters only as far as
+    /// the model itself is away from 1: a slice with half of the light is off the model whatever the response.
+    pub(super) fn off(self, model: Ln) -> Option<f64> {
+        let off = self.value - model.value;
+        let sigma = self.noise.hypot(self.response * model.value).hypot(model.sigma);
         (off.abs() > OWN * sigma).then_some(off)
     }
 
@@ -58,8 +57,8 @@ impl OwnGain {
 /// Gains from the brightness of each slice alone, as averages over the tone curves by their probability.
 pub(super) fn own_gains(tracked: &Tracked, reference: usize, positions: &[f64]) -> Vec<Option<OwnGain>> {
     let Some(base) = tracked.detections[reference].as_ref() else { return vec![None; positions.len()] };
-    let blurs = blurs(tracked);
-    let reach = dot_photometry::bright_reach(fill(tracked), tracked.target.polarity);
+    let blurs = tracked.blurs();
+    let reach = dot_photometry::bright_reach(tracked.fill(), tracked.target.polarity);
     let doubt = |blur: Option<f64>| {
         let part = blur.filter(|b| *b < reach)? / reach;
         Some((SHAPE_DOUBT * part.powi(2)).max(HALO_DOUBT * part.powi(8)))
@@ -82,7 +81,7 @@ pub(super) fn own_gains(tracked: &Tracked, reference: usize, positions: &[f64]) 
     let level = bright_level(base);
     let curves: Vec<Option<CurveFit>> =
         (0..TONES).map(|k| CurveFit::of(&all, k, reference, level, positions)).collect();
-    // the scatter of the light about its law, under the curve that explains it best
+    // the scatter of the light about its model, under the curve that explains it best
     let scatter = curves.iter().flatten().filter_map(|c| c.scatter).fold(f64::INFINITY, f64::min);
     let costs: Vec<Option<f64>> = curves
         .iter()

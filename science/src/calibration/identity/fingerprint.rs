@@ -5,24 +5,19 @@
 //! missing dots, dirt, errors of print, the end of the grid, the table. The mean cell is removed because it is the same
 //! after any shift by whole steps.
 
-use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use super::super::dlt;
-use super::super::lattice::{Label, MIN_DOTS, Places};
-use super::super::statistics::median;
-use super::super::working_image::{WorkingImage, sample};
+use super::cells::{CELL, Cell, SIDE, Samples};
+use super::presence::{Presence, presence};
+use crate::calibration::lattice::{Label, MIN_DOTS, Places, label_range};
+use crate::calibration::{dlt, statistics::median_of, working_image::WorkingImage};
 use crate::imaging::Plane;
 use crate::types::Homography;
 
-/// Samples per cell along each axis.
-pub(super) const SIDE: usize = 4;
-/// Samples per cell.
-pub(super) const CELL: usize = SIDE * SIDE;
 /// Most cells of a fingerprint. A larger grid is cut to its middle.
-pub(in super::super) const MAX_CELLS: usize = 16_384;
+pub(in crate::calibration) const MAX_CELLS: usize = 16_384;
 /// Most memory of a fingerprint, bytes: one per sample, and one per cell.
-pub(in super::super) const MAX_BYTES: usize = MAX_CELLS * (CELL + 1);
+pub(in crate::calibration) const MAX_BYTES: usize = MAX_CELLS * (CELL + 1);
 /// Dots that the homography from labels to pixels is fitted to, at most.
 const MAX_PAIRS: usize = 400;
 /// Most points per sample along each axis.
@@ -31,12 +26,6 @@ const MAX_POINTS: usize = 8;
 const CUT: f64 = 4.0;
 /// Stored value of the RMS deviation; [`CUT`] times it fits into a byte.
 const UNIT: f64 = 31.0;
-/// Strength of the pattern in a cell, relative to the mean cell, below which it shows no dot, and above which it does.
-const PRESENCE: [f64; 2] = [0.25, 0.6];
-/// Scatter of the strengths of known dots beyond which dots cannot be told from gaps (strong blur, noise).
-const MAX_SCATTER: f64 = 0.1;
-/// Share of the variance of a cell that the mean cell explains, below which it is not taken for a dot.
-const MIN_EXPLAINED: f64 = 0.4;
 /// Largest share of full-scale pixels in a cell.
 const MAX_CLIPPED: f32 = 0.02;
 
@@ -46,25 +35,9 @@ const BORDER: f64 = 1.0;
 
 /// Marks samples outside the image, and near its border.
 pub(super) const OUTSIDE: i8 = i8::MIN;
-/// Fewest samples of a cell that must be in the image.
-const MIN_INSIDE: usize = 8;
-
-/// What a cell shows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Presence {
-    /// Not in the image, or at full scale.
-    Invalid,
-    /// No decision.
-    Unclear,
-    /// A dot.
-    Dot,
-    /// No dot.
-    Gap,
-}
-
 /// The fingerprint of a slice. Copies share what they hold.
 #[derive(Debug, Clone)]
-pub(in super::super) struct Fingerprint {
+pub(in crate::calibration) struct Fingerprint {
     /// Label of the first cell.
     pub(super) origin: Label,
     /// Cells per row.
@@ -83,7 +56,7 @@ pub(in super::super) struct Fingerprint {
 
 impl Fingerprint {
     /// Measures the fingerprint. `places` are px of the working image. `None` when the grid is degenerate.
-    pub(in super::super) fn measure(
+    pub(in crate::calibration) fn measure(
         image: &WorkingImage,
         contrast: &Plane<f32>,
         places: &Places,
@@ -113,7 +86,7 @@ impl Fingerprint {
             return None;
         }
         let pattern: [f64; CELL] = std::array::from_fn(|n| {
-            median(&mut known.iter().filter_map(|&k| cells[k].and_then(|c| c[n]).map(f64::from)).collect::<Vec<_>>())
+            median_of(known.iter().filter_map(|&k| cells[k].and_then(|c| c[n]).map(f64::from)))
         });
         let presence = presence(&cells, &pattern, &known);
         // distance from the border of the image, grid steps
@@ -122,10 +95,9 @@ impl Fingerprint {
             let (right, bottom) = (contrast.width as f64 - 1.0 - x, contrast.height as f64 - 1.0 - y);
             x.min(y).min(right).min(bottom) / pitch
         };
-        let is_no_dot = |[x, y]: Label| {
-            let [x, y] = [x - origin[0], y - origin[1]].map(|v| usize::try_from(v).ok());
-            let (x, y) = (x.filter(|x| *x < columns), y.filter(|y| *y < rows));
-            x.zip(y).is_some_and(|(x, y)| matches!(presence[y * columns + x], Presence::Gap | Presence::Unclear))
+        let is_no_dot = |label: Label| {
+            let k = cell_index(label, origin, columns, rows);
+            k.is_some_and(|k| matches!(presence[k], Presence::Gap | Presence::Unclear))
         };
         let is_clear = |k: usize| {
             let [x, y] = label(k);
@@ -141,9 +113,7 @@ impl Fingerprint {
 
     /// Number of the cell with this label; `None` beyond the fingerprint or where the cell is invalid.
     pub(super) fn cell(&self, label: Label) -> Option<usize> {
-        let [x, y] = [0, 1].map(|a| usize::try_from(label[a] - self.origin[a]).ok());
-        let (x, y) = (x.filter(|x| *x < self.columns)?, y.filter(|y| *y < self.rows)?);
-        let k = y * self.columns + x;
+        let k = cell_index(label, self.origin, self.columns, self.rows)?;
         (self.presence[k] != Presence::Invalid).then_some(k)
     }
 
@@ -206,7 +176,7 @@ impl Fingerprint {
     }
 
     /// Adds `shift` to all labels.
-    pub(in super::super) fn relabel(&mut self, shift: Label) {
+    pub(in crate::calibration) fn relabel(&mut self, shift: Label) {
         self.origin = [self.origin[0] + shift[0], self.origin[1] + shift[1]];
         let [a, b, c, d, e, f, g, h, i] = self.to_slice.0;
         let [x, y] = shift.map(f64::from);
@@ -214,6 +184,12 @@ impl Fingerprint {
         let moved = [a, b, c - a * x - b * y, d, e, f - d * x - e * y, g, h, i - g * x - h * y];
         self.to_slice = Homography(moved.map(|v| v / moved[8]));
     }
+}
+
+/// Number of the cell with this label; `None` beyond the fingerprint.
+fn cell_index(label: Label, origin: Label, columns: usize, rows: usize) -> Option<usize> {
+    let [x, y] = [0, 1].map(|a| usize::try_from(label[a] - origin[a]).ok());
+    Some(y.filter(|y| *y < rows)? * columns + x.filter(|x| *x < columns)?)
 }
 
 /// Cells of a range of labels.
@@ -231,15 +207,11 @@ pub(super) fn cut(ranges: &mut [[i32; 2]; 2]) {
 
 /// First label, columns and rows of the cells that the image shows.
 fn extent(grid: &Homography, plane: &Plane<f32>, places: &Places) -> Option<(Label, usize, usize)> {
-    let known = |axis: usize| {
-        let (low, high) = places.keys().fold((i32::MAX, i32::MIN), |b, l| (b.0.min(l[axis]), b.1.max(l[axis])));
-        (low, high)
-    };
     let back = grid.inverse()?;
     let (right, bottom) = (plane.width as f64 - 1.0, plane.height as f64 - 1.0);
     let corners = [[0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]].map(|p| back.apply(p));
     let mut ranges = [0, 1].map(|axis: usize| {
-        let (low, high) = known(axis);
+        let (low, high) = label_range(places.keys().copied(), axis);
         let seen = corners.iter().fold((low, high), |b, p| {
             // with strong perspective a corner may lie beyond the horizon
             let at = p[axis].clamp(f64::from(low) - 64.0, f64::from(high) + 64.0);
@@ -249,91 +221,6 @@ fn extent(grid: &Homography, plane: &Plane<f32>, places: &Places) -> Option<(Lab
     });
     cut(&mut ranges);
     Some(([ranges[0][0], ranges[1][0]], size(ranges[0]), size(ranges[1])))
-}
-
-/// The samples of a cell; `None` outside the image.
-type Samples = [Option<f32>; CELL];
-
-/// One cell: its centre and the two grid steps there, px.
-struct Cell {
-    at: [f64; 2],
-    steps: [[f64; 2]; 2],
-}
-
-impl Cell {
-    /// The cell at `label` of the `grid`, centred on the measured position where there is one.
-    fn new(grid: &Homography, label: Label, measured: Option<[f64; 2]>) -> Self {
-        let to = |dx: f64, dy: f64| grid.apply([f64::from(label[0]) + dx, f64::from(label[1]) + dy]);
-        let step = |a: [f64; 2], b: [f64; 2]| [a[0] - b[0], a[1] - b[1]];
-        let steps = [step(to(0.5, 0.0), to(-0.5, 0.0)), step(to(0.0, 0.5), to(0.0, -0.5))];
-        Self { at: measured.unwrap_or_else(|| to(0.0, 0.0)), steps }
-    }
-
-    /// Mean over the points of sample `n`, with `points` points along each axis; `None` when one is outside.
-    fn sample(&self, plane: &Plane<f32>, n: usize, points: usize) -> Option<f32> {
-        let mut sum = 0.0_f32;
-        for q in 0..points * points {
-            let along = |k: usize, q: usize| (k as f64 + (q as f64 + 0.5) / points as f64) / SIDE as f64 - 0.5;
-            let (u, v) = (along(n % SIDE, q % points), along(n / SIDE, q / points));
-            sum += sample(plane, [0, 1].map(|a| self.at[a] + u * self.steps[0][a] + v * self.steps[1][a]))?;
-        }
-        Some(sum / (points * points) as f32)
-    }
-
-    /// `None` when too much of the cell is outside.
-    fn samples(&self, plane: &Plane<f32>, points: usize) -> Option<Samples> {
-        let near = |v: f64, size: usize| v > -1e6 && v < size as f64 + 1e6;
-        if !near(self.at[0], plane.width) || !near(self.at[1], plane.height) {
-            return None;
-        }
-        let out: Samples = std::array::from_fn(|n| self.sample(plane, n, points).filter(|v| v.is_finite()));
-        (out.iter().flatten().count() >= MIN_INSIDE).then_some(out)
-    }
-}
-
-/// How much a cell looks like the mean cell.
-struct Likeness {
-    /// Regression coefficient of its samples on those of the mean cell, with a free offset: 1 for a dot, 0 for none.
-    strength: f64,
-    /// Share of the variance of its samples that the mean cell explains.
-    explained: f64,
-}
-
-/// Compares a cell with the mean cell; `None` when the samples in the image do not determine it.
-fn likeness(cell: &Samples, pattern: &[f64; CELL]) -> Option<Likeness> {
-    let inside = || cell.iter().zip(pattern).filter_map(|(v, p)| v.map(|v| (f64::from(v), *p)));
-    let n = inside().count() as f64;
-    let (v, p) = inside().fold((0.0, 0.0), |s, (v, p)| (s.0 + v / n, s.1 + p / n));
-    let (both, own, energy) =
-        inside().map(|x| (x.0 - v, x.1 - p)).fold((0.0, 0.0, 0.0), |s, (v, p)| (s.0 + v * p, s.1 + v * v, s.2 + p * p));
-    let mean = pattern.iter().sum::<f64>() / CELL as f64;
-    let whole = pattern.iter().map(|p| (p - mean).powi(2)).sum::<f64>();
-    (energy > 0.4 * whole && whole > 1e-12)
-        .then(|| Likeness { strength: both / energy, explained: both * both / (energy * own).max(1e-24) })
-}
-
-/// What each cell shows, by its likeness to a dot. `known`: cells that tracking takes for dots.
-fn presence(cells: &[Option<Samples>], pattern: &[f64; CELL], known: &[usize]) -> Vec<Presence> {
-    let of = |k: usize| cells[k].as_ref().and_then(|c| likeness(c, pattern));
-    let mut off: Vec<f64> = known.iter().filter_map(|&k| of(k)).map(|l| (l.strength - 1.0).abs()).collect();
-    if 1.4826 * median(&mut off) >= MAX_SCATTER {
-        let shown = |cell: &Option<Samples>| cell.as_ref().map_or(Presence::Invalid, |_| Presence::Unclear);
-        return cells.iter().map(shown).collect();
-    }
-    let is_known: BTreeSet<usize> = known.iter().copied().collect();
-    let shown = |k: usize| match of(k) {
-        _ if cells[k].is_none() => Presence::Invalid,
-        Some(l) if l.strength < PRESENCE[0] => Presence::Gap,
-        // the border of the target half in a cell may be as strong as a dot, but it has another shape
-        Some(l) if l.explained < MIN_EXPLAINED => {
-            // a dot that the border of the image cuts may have any shape
-            let is_whole = cells[k].as_ref().is_some_and(|c| c.iter().all(Option::is_some));
-            if is_known.contains(&k) || !is_whole { Presence::Unclear } else { Presence::Gap }
-        }
-        Some(l) if l.strength > PRESENCE[1] => Presence::Dot,
-        _ => Presence::Unclear,
-    };
-    (0..cells.len()).map(shown).collect()
 }
 
 /// Deviations from the mean cell, without what varies slowly from cell to cell (light, contrast, the shape of the
@@ -368,28 +255,4 @@ fn deviations(cells: &[Option<Samples>], pattern: &[f64; CELL], columns: usize) 
     let (sum, count) = out.iter().flatten().fold((0.0, 0.0), |s, v| (s.0 + v * v, s.1 + 1.0_f64));
     let rms = (sum / count.max(1.0)).sqrt().max(1e-9);
     out.iter().map(|v| v.map_or(OUTSIDE, |v| ((v / rms).clamp(-CUT, CUT) * UNIT).round() as i8)).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_border_of_the_target_in_a_cell_beyond_the_grid_is_no_dot() {
-        let along = |k: usize| (k as f64 + 0.5) / SIDE as f64 - 0.5;
-        let wave = |k: usize| (std::f64::consts::TAU * along(k)).cos();
-        // dots blurred by a third of the pitch, and a dark table that begins 0.8 steps from the outermost of them
-        let pattern: [f64; CELL] = std::array::from_fn(|n| 0.13 * (wave(n % SIDE) + wave(n / SIDE)));
-        let dot: Samples = std::array::from_fn(|n| Some(pattern[n] as f32));
-        let table: Samples = std::array::from_fn(|n| Some(if along(n % SIDE) > -0.2 { 0.59 } else { 0.0 }));
-        let strength = likeness(&table, &pattern).expect("in the image").strength;
-        assert!(strength > PRESENCE[1], "as strong as a dot: {strength}");
-        let mut cut = table;
-        cut[3] = None;
-        let cells = [Some(dot), Some(dot), Some(table), Some(table), Some(cut), None];
-        // a known dot of another shape is unclear, and so is a cell that the border of the image cuts
-        let expected = [Presence::Dot, Presence::Dot, Presence::Unclear, Presence::Gap, Presence::Unclear];
-        let shown = presence(&cells, &pattern, &[0, 1, 2]);
-        assert_eq!((&shown[..5], shown[5]), (&expected[..], Presence::Invalid));
-    }
 }

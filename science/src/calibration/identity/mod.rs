@@ -6,12 +6,18 @@
 //! end, missing dots, dirt, errors of print (see [`fingerprint`]). Each slice is compared with its neighbour and with
 //! the slice in which the grid was detected, over shifts of the labels (see [`shifts`]).
 //!
-//! Output: corrected labels, and per slice whether its labels are certain. Where nothing tells, the labels are
-//! ambiguous, and [`findings`] says so.
+//! Output: corrected labels, and per slice how certain they are:
+//!
+//! | word | meaning |
+//! |---|---|
+//! | certain | the comparisons reject every other shift by whole steps |
+//! | confirmed | certain, and no shift by half a step agrees better |
+//! | ambiguous | not certain, and the motion of the other slices does not tell either (see [`motion_line`]) |
 
-pub(super) mod findings;
+mod cells;
 mod fingerprint;
-mod law;
+mod motion_line;
+mod presence;
 mod sensor;
 mod shifts;
 mod target_map;
@@ -20,9 +26,8 @@ mod tests;
 
 pub(super) use fingerprint::{Fingerprint, MAX_BYTES, MAX_CELLS};
 
-use super::detection::Detection;
-use super::lattice::Label;
-use shifts::{Comparison, Decision, decide};
+use super::detected::Detection;
+use shifts::{Comparison, Decision, decide, is_half_step_off};
 
 /// How certain the labels of one slice are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,7 +40,7 @@ pub(super) struct Labelling {
 
 /// What the comparisons with other slices tell about a slice.
 #[derive(Debug, Clone, Copy)]
-struct Settled {
+struct LabelCheck {
     /// Added to the labels.
     decision: Decision,
     /// See [`Detection::turned`].
@@ -44,64 +49,66 @@ struct Settled {
     is_half_off: bool,
 }
 
-impl Settled {
-    const SEED: Self = Self { decision: Decision { shift: [0, 0], certain: true }, turned: None, is_half_off: false };
+impl LabelCheck {
+    /// The labels are right: of the first slice, and of slices whose code was read.
+    const RIGHT: Self = Self { decision: Decision::RIGHT, turned: None, is_half_off: false };
+
+    fn is_confirmed(&self) -> bool {
+        self.decision.certain && !self.is_half_off
+    }
 }
 
 /// Checks and corrects the labels of all slices. `seed` is the slice in which the grid was detected; its labels define
 /// those of the others. Removes tentative detections that are not confirmed.
-pub(super) fn settle(detections: &mut [Option<Detection>], seed: usize) -> Vec<Labelling> {
-    let first = compared(detections, seed, true);
-    let shifted = |(detection, settled): (&Option<Detection>, &Option<Settled>)| {
-        let mut print = detection.as_ref()?.fingerprint.clone()?;
-        print.relabel(settled.as_ref()?.decision.shift);
-        Some(print)
-    };
-    let prints: Vec<Fingerprint> = detections.iter().zip(&first).filter_map(shifted).collect();
-    let known: Vec<&Fingerprint> = prints.iter().collect();
-    let correlate = sensor::moves_with_target(&known);
-    let mut settled = if correlate { first } else { compared(detections, seed, false) };
-    settle_uncertain(&mut settled, detections, correlate);
-    let is_confirmed = |s: &Settled| s.decision.certain && !s.is_half_off;
-    for (slot, settled) in detections.iter_mut().zip(&settled) {
-        if let (Some(detection), Some(settled)) = (slot.as_mut(), settled) {
-            detection.relabel(settled.decision.shift);
-            detection.turned = detection.turned.or(settled.turned);
-            if detection.is_tentative && !is_confirmed(settled) {
-                *slot = None;
+pub(super) fn resolve_labels(detections: &mut [Option<Detection>], seed: usize) -> Vec<Labelling> {
+    let first = compare_outward(detections, seed, true);
+    let prints: Vec<Fingerprint> = detections
+        .iter()
+        .zip(&first)
+        .filter_map(|(detection, check)| relabelled(detection.as_ref()?, check.as_ref()?))
+        .collect();
+    let correlate = sensor::moves_with_target(&prints.iter().collect::<Vec<_>>());
+    let mut checks = if correlate { first } else { compare_outward(detections, seed, false) };
+    resolve_uncertain(&mut checks, detections, correlate);
+    for (slot, check) in detections.iter_mut().zip(&mut checks) {
+        if let (Some(detection), Some(found)) = (slot.as_mut(), *check) {
+            detection.relabel(found.decision.shift);
+            detection.turned = detection.turned.or(found.turned);
+            if detection.is_tentative && !found.is_confirmed() {
+                (*slot, *check) = (None, None);
             }
         }
     }
-    let settled: Vec<Option<Settled>> =
-        settled.into_iter().zip(&*detections).map(|(s, d)| s.filter(|_| d.is_some())).collect();
-    let unsure: Vec<bool> = settled.iter().map(|s| s.is_some_and(|s| !s.decision.certain)).collect();
-    let by_law = law::confirmed(detections, &unsure);
-    let labelling = |(i, s): (usize, &Option<Settled>)| Labelling {
-        ambiguous: unsure[i] && !by_law[i],
-        confirmed: s.as_ref().is_some_and(is_confirmed),
+    let unsure: Vec<bool> = checks.iter().map(|c| c.is_some_and(|c| !c.decision.certain)).collect();
+    let by_motion = motion_line::confirmed(detections, &unsure);
+    let labelling = |(i, check): (usize, &Option<LabelCheck>)| Labelling {
+        ambiguous: unsure[i] && !by_motion[i],
+        confirmed: check.as_ref().is_some_and(LabelCheck::is_confirmed),
     };
-    settled.iter().enumerate().map(labelling).collect()
+    checks.iter().enumerate().map(labelling).collect()
 }
 
-/// Rounds of [`settle_uncertain`]: each can make slices certain that help others.
+/// The fingerprint of a slice with its labels corrected.
+fn relabelled(detection: &Detection, check: &LabelCheck) -> Option<Fingerprint> {
+    let mut print = detection.fingerprint.clone()?;
+    print.relabel(check.decision.shift);
+    Some(print)
+}
+
+/// Rounds of [`resolve_uncertain`]: each can make slices certain that help others.
 const ROUNDS: usize = 3;
 
 /// Compares the slices whose labels are not certain with all that are. Slices of another scale may show an end of the
 /// grid, or a mark, that the neighbour and the first slice do not show.
-fn settle_uncertain(settled: &mut [Option<Settled>], detections: &[Option<Detection>], correlate: bool) {
-    let print = |i: usize, shift: Label| {
-        let detection = detections[i].as_ref().filter(|d| !d.is_tentative)?;
-        let mut print = detection.fingerprint.clone()?;
-        print.relabel(shift);
-        Some(print)
-    };
+fn resolve_uncertain(checks: &mut [Option<LabelCheck>], detections: &[Option<Detection>], correlate: bool) {
     for _ in 0..ROUNDS {
         let with = |certain: bool| -> Vec<(usize, Fingerprint)> {
-            let of = |(i, s): (usize, &Option<Settled>)| {
-                let s = s.as_ref().filter(|s| s.decision.certain == certain && s.turned.is_none())?;
-                Some((i, print(i, s.decision.shift)?))
+            let of = |(i, check): (usize, &Option<LabelCheck>)| {
+                let check = check.as_ref().filter(|c| c.decision.certain == certain && c.turned.is_none())?;
+                let detection = detections[i].as_ref().filter(|d| !d.is_tentative)?;
+                Some((i, relabelled(detection, check)?))
             };
-            settled.iter().enumerate().filter_map(of).collect()
+            checks.iter().enumerate().filter_map(of).collect()
         };
         let (known, open) = (with(true), with(false));
         let Some(map) = target_map::of(known.iter().map(|(_, print)| print)) else { return };
@@ -111,9 +118,9 @@ fn settle_uncertain(settled: &mut [Option<Settled>], detections: &[Option<Detect
             let others = std::iter::once(&map).chain(nearest.map(|(_, other)| other));
             let comparisons: Vec<Comparison> = others.map(|other| Comparison::new(&print, other)).collect();
             let found = decide(&comparisons, correlate);
-            if let Some(settled) = settled[i].as_mut().filter(|_| found.certain) {
-                let before = settled.decision.shift;
-                settled.decision = Decision { shift: [0, 1].map(|a| before[a] + found.shift[a]), certain: true };
+            if let Some(check) = checks[i].as_mut().filter(|_| found.certain) {
+                check.decision = check.decision.then(found);
+                check.decision.certain = true;
                 is_changed = true;
             }
         }
@@ -123,54 +130,67 @@ fn settle_uncertain(settled: &mut [Option<Settled>], detections: &[Option<Detect
     }
 }
 
+/// The slice from which the next one outward was tracked.
+struct InnerSlice {
+    fingerprint: Option<Fingerprint>,
+    decision: Decision,
+}
+
 /// Compares the slices outward from `seed`; `None` where the grid was not found.
-fn compared(detections: &[Option<Detection>], seed: usize, correlate: bool) -> Vec<Option<Settled>> {
-    let mut out: Vec<Option<Settled>> = vec![None; detections.len()];
+fn compare_outward(detections: &[Option<Detection>], seed: usize, correlate: bool) -> Vec<Option<LabelCheck>> {
+    let mut out: Vec<Option<LabelCheck>> = vec![None; detections.len()];
     let Some(start) = detections.get(seed).and_then(Option::as_ref) else { return out };
-    out[seed] = Some(Settled::SEED);
+    out[seed] = Some(LabelCheck::RIGHT);
     let outward: [Vec<usize>; 2] = [(seed + 1..detections.len()).collect(), (0..seed).rev().collect()];
     for indices in outward {
-        let mut inner = (start.fingerprint.clone(), Decision { shift: [0, 0], certain: true });
+        let mut inner = InnerSlice { fingerprint: start.fingerprint.clone(), decision: Decision::RIGHT };
         for index in indices {
             let Some(detection) = &detections[index] else { continue };
             if detection.identity.is_some() {
                 // the code of the target has identified its dots
-                out[index] = Some(Settled::SEED);
-                inner = (detection.fingerprint.clone(), Settled::SEED.decision);
+                out[index] = Some(LabelCheck::RIGHT);
+                inner = InnerSlice { fingerprint: detection.fingerprint.clone(), decision: Decision::RIGHT };
                 continue;
             }
-            // the slice was tracked from its neighbour, so it shares the error of its labels
-            let carried = inner.1.shift;
-            let Some(mut print) = detection.fingerprint.clone() else {
-                out[index] = Some(Settled { decision: Decision { shift: carried, certain: false }, ..Settled::SEED });
+            let Some(print) = detection.fingerprint.clone() else {
+                let decision = Decision { certain: false, ..inner.decision };
+                out[index] = Some(LabelCheck { decision, ..LabelCheck::RIGHT });
                 continue;
             };
-            print.relabel(carried);
-            let neighbour = inner.0.as_ref().map(|other| (Comparison::new(&print, other), other));
             let first = start.fingerprint.as_ref().filter(|_| index.abs_diff(seed) > 1);
-            let comparisons: Vec<Comparison> =
-                neighbour.iter().map(|(c, _)| c.clone()).chain(first.map(|s| Comparison::new(&print, s))).collect();
-            let found = decide(&comparisons, correlate);
-            let turned = neighbour.as_ref().and_then(|(c, other)| c.orientation(&print, other));
-            print.relabel(found.shift);
-            let is_half_off =
-                detection.merged && inner.0.as_ref().is_some_and(|other| shifts::is_half_step_off(&print, other));
-            // labels that are carried from slice to slice are as certain as those they were carried from, except where
-            // the first slice itself confirms the slice
-            let by_first = || {
-                first.is_some_and(|first| {
-                    let alone = decide(&[Comparison::new(&print, first)], correlate);
-                    alone.certain && alone.shift == [0, 0]
-                })
-            };
-            let certain = (found.certain && inner.1.certain) || by_first();
-            let shift = [0, 1].map(|a| carried[a] + found.shift[a]);
-            let decision = Decision { shift, certain };
-            out[index] = Some(Settled { decision, turned, is_half_off });
-            if turned.is_none() && (!detection.is_tentative || (certain && !is_half_off)) {
-                inner = (Some(print), decision);
+            let (check, print) = compare(print, detection.merged, &inner, first, correlate);
+            if check.turned.is_none() && (!detection.is_tentative || check.is_confirmed()) {
+                inner = InnerSlice { fingerprint: Some(print), decision: check.decision };
             }
+            out[index] = Some(check);
         }
     }
     out
+}
+
+/// Compares the slice of `print` with `inner`, from which it was tracked, and with the first slice where that is
+/// another one. Returns the fingerprint with its labels corrected, too.
+fn compare(
+    mut print: Fingerprint,
+    merged: bool,
+    inner: &InnerSlice,
+    first: Option<&Fingerprint>,
+    correlate: bool,
+) -> (LabelCheck, Fingerprint) {
+    // the slice shares the error of the labels of the inner one
+    print.relabel(inner.decision.shift);
+    let neighbour = inner.fingerprint.as_ref();
+    let with_neighbour = neighbour.map(|other| Comparison::new(&print, other));
+    let turned = with_neighbour.as_ref().zip(neighbour).and_then(|(c, other)| c.orientation(&print, other));
+    let with_first = first.map(|first| Comparison::new(&print, first));
+    let comparisons: Vec<Comparison> = with_neighbour.into_iter().chain(with_first).collect();
+    let found = decide(&comparisons, correlate);
+    print.relabel(found.shift);
+    let is_half_off = merged && neighbour.is_some_and(|other| is_half_step_off(&print, other));
+    // labels that are carried from slice to slice are as certain as those they were carried from, except where the
+    // first slice itself confirms the slice
+    let mut decision = inner.decision.then(found);
+    decision.certain = decision.certain
+        || first.is_some_and(|first| decide(&[Comparison::new(&print, first)], correlate) == Decision::RIGHT);
+    (LabelCheck { decision, turned, is_half_off }, print)
 }

@@ -5,7 +5,8 @@
 //! moves over the sensor, the farther out the more. Two slices are therefore compared twice over the same cells: at the
 //! same place of the target, and at the same place of the sensor.
 
-use super::fingerprint::{CELL, Fingerprint, OUTSIDE, SIDE};
+use super::cells::{CELL, SIDE};
+use super::fingerprint::{Fingerprint, OUTSIDE};
 
 /// Least distance, grid steps, between the two places for a cell to count.
 const APART: f64 = 0.12;

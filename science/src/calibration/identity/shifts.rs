@@ -7,8 +7,10 @@
 //! - *Correlation* of the deviations. What stays with the sensor (dust, reflections) correlates too, so this evidence
 //!   counts only where [`super::sensor`] finds that the deviations move with the target.
 
-use super::super::lattice::Label;
-use super::fingerprint::{CELL, Fingerprint, OUTSIDE, Presence, SIDE};
+use super::cells::{CELL, SIDE};
+use super::fingerprint::{Fingerprint, OUTSIDE};
+use super::presence::Presence;
+use crate::calibration::lattice::Label;
 
 /// Largest shift along each grid direction, steps.
 pub(super) const REACH: i32 = 4;
@@ -144,6 +146,17 @@ pub(super) struct Decision {
     pub(super) shift: Label,
     /// True when all other shifts are rejected.
     pub(super) certain: bool,
+}
+
+impl Decision {
+    /// No shift.
+    pub(super) const RIGHT: Self = Self { shift: [0, 0], certain: true };
+
+    /// This decision followed by another one about the labels that it corrects.
+    pub(super) fn then(self, next: Self) -> Self {
+        let shift = [0, 1].map(|a| self.shift[a] + next.shift[a]);
+        Self { shift, certain: self.certain && next.certain }
+    }
 }
 
 /// Decides between the shifts. `correlate`: the correlation counts too.

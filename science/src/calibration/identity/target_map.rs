@@ -5,8 +5,9 @@
 
 use std::collections::BTreeMap;
 
-use super::super::lattice::Label;
-use super::fingerprint::{CELL, Fingerprint, OUTSIDE, Presence, cut, size};
+use super::fingerprint::{Fingerprint, OUTSIDE, cut, size};
+use super::{cells::CELL, presence::Presence};
+use crate::calibration::lattice::{Label, label_range};
 
 /// What the target shows by all `prints` together: cells that one of them shows, and none contradicts. The result has
 /// no deviations. `None` without prints.
@@ -22,8 +23,8 @@ pub(super) fn of<'a>(prints: impl Iterator<Item = &'a Fingerprint>) -> Option<Fi
         any = Some(print);
     }
     let any = any?;
-    let mut ranges = [0, 1].map(|axis: usize| {
-        let (low, high) = votes.keys().fold((i32::MAX, i32::MIN), |b, l| (b.0.min(l[axis]), b.1.max(l[axis])));
+    let mut ranges = [0, 1].map(|axis| {
+        let (low, high) = label_range(votes.keys().copied(), axis);
         [low, high.max(low)]
     });
     cut(&mut ranges);

@@ -3,12 +3,11 @@
 use nalgebra::DVector;
 
 use super::inliers::{FLOOR, Inliers, own_estimates};
-use crate::calibration::detection::Detection;
+use super::rail_state::{RailState, in_line};
 use crate::calibration::model_selection::{CornerError, StackModel};
-use crate::calibration::rail::{self, EstimateSource, Law, OwnEstimate};
-use crate::calibration::rail_fit::RailFit;
-use crate::calibration::tracking::Tracked;
+use crate::calibration::rail::{self, EstimateSource, OwnEstimate};
 use crate::calibration::transform_models::{self, Frame, Match, Parameters, TransformModel};
+use crate::calibration::{detected::Detection, rail_fit::RailFit, tracked::Tracked};
 use crate::types::Homography;
 
 /// Uncertainty of the image corners, px, from which a slice counts as predicted when the rail law halves it.
@@ -17,37 +16,61 @@ const MAX_OWN_SIGMA: f64 = 0.4;
 /// Common input of all estimates.
 pub(super) struct Setting<'a> {
     /// Conversion between units and pixels.
-    pub(super) frame: &'a Frame,
-    /// Width of the slices, px.
-    pub(super) width: u32,
-    /// Height of the slices, px.
-    pub(super) height: u32,
+    pub(super) frame: Frame,
+    /// Width and height of the slices, px.
+    size: [u32; 2],
     /// Index of the reference slice.
     pub(super) reference: usize,
-    /// Rail positions.
-    pub(super) positions: &'a [f64],
+    /// The rail.
+    rail: &'a RailState,
     /// Rail positions relative to the reference slice.
-    pub(super) offsets: &'a [f64],
-    /// The first slice after a sideways jump, if there is one.
-    pub(super) jump: Option<usize>,
-    /// Per slice: true when it lies beside the line of the others. The rail law does not apply to it.
-    pub(super) displaced: &'a [bool],
+    pub(super) offsets: Vec<f64>,
     /// Uncertainty per slice that no number of dots reduces, px (see [`floors`]).
-    pub(super) floors: &'a [f64],
+    floors: Vec<f64>,
+}
+
+impl<'a> Setting<'a> {
+    /// For slices of `size` = width, height.
+    pub(super) fn new(frame: Frame, size: [u32; 2], reference: usize, rail: &'a RailState, floors: Vec<f64>) -> Self {
+        let offsets = rail.positions.iter().map(|z| z - rail.positions[reference]).collect();
+        Self { frame, size, reference, rail, offsets, floors }
+    }
+
+    /// Largest distance between the image corners under two homographies, px.
+    fn apart(&self, a: &Homography, b: &Homography) -> f64 {
+        a.corner_distance(b, self.size[0], self.size[1])
+    }
+
+    /// Standard deviation of the worst image corner under an estimate of the parameters of `model`, px.
+    fn corner_sigma(&self, model: TransformModel, own: &OwnEstimate) -> f64 {
+        transform_models::corner_sigma(model, &own.free, &own.covariance, &self.frame, self.size[0], self.size[1])
+    }
 }
 
 /// The estimate of one slice.
-pub(super) struct Estimate {
+#[derive(Debug, Clone, Copy)]
+pub(in crate::calibration) struct Estimate {
     /// Slice px -> reference-slice px.
-    pub(super) homography: Homography,
+    pub homography: Homography,
     /// The homography by the rail law alone.
-    pub(super) by_law: Option<Homography>,
+    pub by_law: Option<Homography>,
     /// Largest corner distance between the slice's own estimate and the rail law, px.
-    pub(super) off_law: Option<f64>,
+    pub off_law: Option<f64>,
     /// Standard deviation of the worst image corner, px.
-    pub(super) sigma: f64,
+    pub sigma: f64,
     /// What the estimate is based on.
-    pub(super) source: EstimateSource,
+    pub source: EstimateSource,
+}
+
+impl Estimate {
+    /// The reference slice.
+    pub(super) const IDENTITY: Self = Self {
+        homography: Homography::IDENTITY,
+        by_law: None,
+        off_law: None,
+        sigma: 0.0,
+        source: EstimateSource::Dots,
+    };
 }
 
 /// Errors at the image corners under a model and under the full homography, for the measured slices.
@@ -63,7 +86,7 @@ pub(super) fn corner_errors(
         .map(|(own, full)| CornerError {
             sigma: own.sigma,
             full_sigma: full.sigma,
-            apart: own.homography.corner_distance(&full.homography, s.width, s.height),
+            apart: s.apart(&own.homography, &full.homography),
         })
         .collect()
 }
@@ -78,7 +101,7 @@ pub(super) fn estimates(model: StackModel, inliers: &[Inliers], setting: &Settin
 
 /// Uncertainty per slice, px, that no number of dots reduces. It grows as blur attenuates the pattern.
 pub(super) fn floors(tracked: &Tracked, pitch: f64) -> Vec<f64> {
-    let strongest = tracked.detections.iter().flatten().map(|s| s.modulation).fold(1e-9, f64::max);
+    let strongest = tracked.strongest();
     let left = |s: &Detection| (s.modulation / strongest).abs().clamp(0.05, 1.0);
     let floor = |s: &Option<Detection>| {
         let blurred = s.as_ref().map_or(1.0, |s| 0.5 + 0.5 / left(s));
@@ -88,64 +111,57 @@ pub(super) fn floors(tracked: &Tracked, pitch: f64) -> Vec<f64> {
 }
 
 fn per_slice_estimates(model: TransformModel, inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {
-    let own = own_estimates(model, inliers, s.reference, s.frame, [s.width, s.height]);
+    let RailState { positions, jump, displaced, .. } = s.rail;
+    let own = own_estimates(model, inliers, s.reference, &s.frame, s.size);
     let map = |free: &DVector<f64>| s.frame.homography(&model.parameters(free));
-    let in_line: Vec<Option<OwnEstimate>> =
-        own.iter().zip(s.displaced).map(|(o, displaced)| o.clone().filter(|_| !displaced)).collect();
+    let in_line = in_line(&own, displaced);
     (0..own.len())
         .map(|index| {
+            let own = own[index].as_ref();
+            let expected = rail::predicted(&in_line, positions, *jump, index);
+            let by_law = expected.as_ref().and_then(|expected| map(&expected.free));
             // the dots of a displaced slice outrank the law
-            let alone = own[index].clone().filter(|_| s.displaced[index]).map(|own| (own, EstimateSource::Dots));
-            let (combined, source) = alone.or_else(|| rail::combine(&in_line, s.positions, s.jump, index))?;
-            let mut others = in_line.clone();
-            others[index] = None;
-            let by_law = Law::fit(&others, s.positions, s.jump).and_then(|law| map(&law.predict(index)));
-            let alone = own[index].as_ref().and_then(|o| map(&o.free));
-            let off_law = alone.zip(by_law).map(|(a, b)| a.corner_distance(&b, s.width, s.height));
-            let sigma =
-                transform_models::corner_sigma(model, &combined.free, &combined.covariance, s.frame, s.width, s.height);
-            let by_itself = own[index].as_ref().map_or(0.0, |o| {
-                transform_models::corner_sigma(model, &o.free, &o.covariance, s.frame, s.width, s.height)
-            });
+            let expected = expected.as_ref().filter(|_| own.is_none() || !displaced[index]);
+            let (combined, source) = rail::combine(own, expected)?;
+            let alone = own.and_then(|own| map(&own.free));
+            let off_law = alone.zip(by_law).map(|(a, b)| s.apart(&a, &b));
+            let sigma = s.corner_sigma(model, &combined);
+            let by_itself = own.map_or(0.0, |own| s.corner_sigma(model, own));
             // the dots contributed too little for the slice to count as measured
-            let source = if !s.displaced[index] && by_itself > MAX_OWN_SIGMA && sigma < 0.5 * by_itself {
-                EstimateSource::Law
-            } else {
-                source
-            };
+            let is_by_law = !displaced[index] && by_itself > MAX_OWN_SIGMA && sigma < 0.5 * by_itself;
             Some(Estimate {
                 homography: map(&combined.free)?,
                 by_law,
                 off_law,
                 sigma: sigma.hypot(s.floors[index]),
-                source,
+                source: if is_by_law { EstimateSource::Law } else { source },
             })
         })
         .collect()
 }
 
 fn rail_linear_estimates(inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {
-    let matches: Vec<Vec<Match>> = inliers.iter().map(|a| a.evidence.matches.clone()).collect();
+    let matches: Vec<&[Match]> = inliers.iter().map(|a| &a.evidence.matches[..]).collect();
     let overlap = inliers.iter().map(|a| a.evidence.overlap).fold(1.0, f64::max);
-    let Some(fit) = RailFit::fit(&matches, s.offsets) else { return inliers.iter().map(|_| None).collect() };
-    let own = own_estimates(TransformModel::Homography, inliers, s.reference, s.frame, [s.width, s.height]);
+    let Some(fit) = RailFit::fit(&matches, &s.offsets) else { return inliers.iter().map(|_| None).collect() };
+    let own = own_estimates(TransformModel::Homography, inliers, s.reference, &s.frame, s.size);
     let map = |p: &Parameters| s.frame.homography(p);
-    let off = |index: usize| {
-        let mine = own[index].as_ref().and_then(|o| map(&TransformModel::Homography.parameters(&o.free)))?;
-        Some(mine.corner_distance(&map(&fit.parameters(s.offsets[index]))?, s.width, s.height))
-    };
     (0..inliers.len())
         .map(|index| {
             let homography = map(&fit.parameters(s.offsets[index]))?;
+            let alone = own[index].as_ref().and_then(|o| map(&TransformModel::Homography.parameters(&o.free)));
             // scatter that the dots of a slice share is not noise of single dots
-            let shared = transform_models::fit(TransformModel::Similarity, &inliers[index].evidence.matches)
+            let shared = transform_models::fit(TransformModel::Similarity, matches[index])
                 .and_then(|fit| map(&TransformModel::Similarity.parameters(&fit.free)))
-                .map_or(0.0, |h| h.corner_distance(&homography, s.width, s.height));
+                .map_or(0.0, |h| s.apart(&h, &homography));
             let sigma = s.frame.half * fit.corner_sigma(s.offsets[index]) * overlap.sqrt();
-            let source =
-                if inliers[index].evidence.matches.is_empty() { EstimateSource::Law } else { EstimateSource::Dots };
-            let sigma = sigma.hypot(s.floors[index]).hypot(0.5 * shared);
-            Some(Estimate { homography, by_law: Some(homography), off_law: off(index), sigma, source })
+            Some(Estimate {
+                homography,
+                by_law: Some(homography),
+                off_law: alone.map(|alone| s.apart(&alone, &homography)),
+                sigma: sigma.hypot(s.floors[index]).hypot(0.5 * shared),
+                source: if matches[index].is_empty() { EstimateSource::Law } else { EstimateSource::Dots },
+            })
         })
         .collect()
 }

@@ -4,19 +4,17 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::MISTAKEN;
-use crate::calibration::detection::Detection;
-use crate::calibration::dlt::Pair;
 use crate::calibration::lattice::{Label, MIN_DOTS};
-use crate::calibration::model_selection::Evidence;
-use crate::calibration::phase::WINDOW_OVERLAP;
 use crate::calibration::rail::{Law, OwnEstimate};
-use crate::calibration::robust;
-use crate::calibration::tracking::Tracked;
 use crate::calibration::transform_models::{self, Frame, Match, TransformModel};
+use crate::calibration::{
+    detected::Detection, dlt::Pair, model_selection::Evidence, phase::WINDOW_OVERLAP, robust, tracked::Tracked,
+};
 
 /// Largest inlier limit, px; 0.02 of the pitch where that is more.
 const MAX_RESIDUAL: f64 = 1.0;
+/// Distance from the rail law, in grid steps, from which the grid of a slice with merged dots counts as mistaken.
+pub(super) const MISTAKEN: f64 = 0.3;
 /// Uncertainty that no number of dots reduces (lens distortion, print, pixel shape): px, and as a share of the pitch.
 pub(super) const FLOOR: (f64, f64) = (0.006, 4e-4);
 /// Approximate number of neighbouring dots that share an error.

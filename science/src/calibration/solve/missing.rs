@@ -1,6 +1,7 @@
 //! Errors for slices whose dots cannot be measured.
 
 use crate::calibration::lost::{self, Loss};
+use crate::calibration::names::first_names;
 use crate::imaging::Slices;
 use crate::types::error::ErrorLocation;
 use crate::types::{Error, ErrorKind};
@@ -37,15 +38,6 @@ fn ends(count: usize, lost: &[usize]) -> Option<String> {
     Some([some(first, "first"), some(last, "last")].into_iter().flatten().collect::<Vec<_>>().join(" and "))
 }
 
-/// Names of slices, at most eight, as a phrase.
-fn names(slices: &dyn Slices, indices: &[usize]) -> String {
-    let mut names: Vec<&str> = indices.iter().take(8).map(|&i| slices.name(i)).collect();
-    if indices.len() > names.len() {
-        names.push("...");
-    }
-    names.join(", ")
-}
-
 /// The error for slices that can neither be measured nor predicted. `loss` says why each was not measured.
 pub(super) fn unmeasured_slices(
     slices: &dyn Slices,
@@ -60,14 +52,14 @@ pub(super) fn unmeasured_slices(
         .map(|cause| {
             let some: Vec<usize> = indices.iter().copied().filter(|&i| loss(i) == *cause).collect();
             let verb = if some.len() == 1 { "is" } else { "are" };
-            format!("{} {verb} {}", names(slices, &some), cause.phrase())
+            format!("{} {verb} {}", first_names(slices, &some, 8), cause.phrase())
         })
         .collect();
     let named = if named.is_empty() { String::new() } else { format!("; {}", named.join("; ")) };
     let advice: Vec<&str> = causes.iter().map(|cause| cause.advice()).collect();
     let detail = format!(
         "the dots could not be measured in {}{why}{named}: {}{}",
-        names(slices, indices),
+        first_names(slices, indices, 8),
         ends(slices.count(), indices)
             .map_or_else(String::new, |ends| format!("omit {ends}, from the target and from every stack, or ")),
         advice.join("; "),

@@ -11,6 +11,7 @@ use super::testkit::{Noise, Shot, render};
 use super::*;
 use crate::imaging::Raster;
 use crate::synth::{DotTarget, Rendered, Rig};
+use crate::types::profile::CaptureMode;
 use crate::types::{Homography, NoControl};
 
 /// A stack of a fixed lens with drift, rotation and keystone, and its true homographies.

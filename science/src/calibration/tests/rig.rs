@@ -4,6 +4,7 @@ use super::super::*;
 use super::worst_corner;
 use crate::imaging::{Raster, Samples};
 use crate::synth::{DotTarget, Rig, target_stack};
+use crate::types::profile::{CaptureMode, HomographyModel};
 use crate::types::{Homography, NoControl, calibration_options::ModelChoice};
 
 pub(super) fn rig(slices: usize) -> Rig {

@@ -1,8 +1,8 @@
-//! The smooth law of brightness over the rail: `a + b z + c z^2`, fitted so that single slices do not bend it.
+//! The gain model: brightness over the rail is `a + b z + c z^2`, fitted so that single slices do not bend it.
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::calibration::statistics::median;
+use crate::calibration::statistics::{median_of, range};
 
 /// A value at a rail position.
 #[derive(Debug, Clone, Copy)]
@@ -15,14 +15,14 @@ pub(super) struct Point {
     pub sigma: f64,
 }
 
-/// The law.
+/// The model.
 #[derive(Debug, Clone)]
-pub(super) struct SmoothLaw {
+pub(super) struct GainModel {
     middle: f64,
     half: f64,
     coefficients: Vector3<f64>,
     covariance: Matrix3<f64>,
-    /// Scatter of the values about the law beyond their own standard deviations: the flicker of the light.
+    /// Scatter of the values about the model beyond their own standard deviations: the flicker of the light.
     pub scatter: f64,
     /// Sum of the squared deviations in standard deviations, each at most [`CUT`] squared, and of the squared curvature
     /// in its standard deviation.
@@ -37,17 +37,16 @@ const CUT: f64 = 3.0;
 const GROSS: f64 = 8.0;
 const ROUNDS: usize = 16;
 
-impl SmoothLaw {
+impl GainModel {
     /// Weighted least squares with Huber's weights. `curvature` is the standard deviation expected of `c`, with z from
     /// -1 to 1 over the points; `scatter`: the scatter where it is known. `None` for fewer than three points.
     pub(super) fn fit(points: &[Point], curvature: f64, scatter: Option<f64>) -> Option<Self> {
         if points.len() < 3 {
             return None;
         }
-        let low = points.iter().map(|p| p.z).fold(f64::MAX, f64::min);
-        let high = points.iter().map(|p| p.z).fold(f64::MIN, f64::max);
+        let (low, high) = range(points.iter().map(|p| p.z));
         let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(1e-9));
-        let mut law = Self {
+        let mut model = Self {
             middle,
             half,
             coefficients: Vector3::zeros(),
@@ -56,47 +55,45 @@ impl SmoothLaw {
             cost: 0.0,
         };
         let sigmas: Vec<f64> = points.iter().map(|p| p.sigma.max(FLOOR)).collect();
-        let usual = median(&mut sigmas.clone());
+        let usual = median_of(sigmas.iter().copied());
         // the degrees of freedom of a line; the prior bounds the curvature
         let freedom = (points.len() as f64 / (points.len() as f64 - 2.0)).sqrt();
-        law.start(points);
+        model.start(points);
         for round in 0..=ROUNDS {
-            let off: Vec<f64> = points.iter().map(|p| p.value - law.at(p.z)).collect();
+            let off: Vec<f64> = points.iter().map(|p| p.value - model.at(p.z)).collect();
             if scatter.is_none() {
-                let spread = 1.4826 * freedom * median(&mut off.iter().map(|r| r.abs()).collect::<Vec<_>>());
-                law.scatter = (spread * spread - usual * usual).max(0.0).sqrt();
+                let spread = 1.4826 * freedom * median_of(off.iter().map(|r| r.abs()));
+                model.scatter = (spread * spread - usual * usual).max(0.0).sqrt();
             }
-            let away = |k: usize| off[k].abs() / sigmas[k].hypot(law.scatter);
+            let away = |k: usize| off[k].abs() / sigmas[k].hypot(model.scatter);
             if round == ROUNDS {
-                law.cost = (law.coefficients[2] / curvature).powi(2)
+                model.cost = (model.coefficients[2] / curvature).powi(2)
                     + (0..points.len()).map(|k| away(k).min(CUT).powi(2)).sum::<f64>();
                 break;
             }
             let mut normal = Matrix3::from_diagonal(&Vector3::new(1e-9, 1e-6, curvature.powi(-2)));
             let mut right = Vector3::zeros();
             for (k, point) in points.iter().enumerate() {
-                let row = law.row(point.z);
+                let row = model.row(point.z);
                 let is_gross = round + 4 > ROUNDS && away(k) > GROSS;
                 let robust = if is_gross { 0.0 } else { (2.0 / away(k).max(1e-9)).min(1.0) };
-                let weight = robust / (sigmas[k].powi(2) + law.scatter * law.scatter);
+                let weight = robust / (sigmas[k].powi(2) + model.scatter * model.scatter);
                 normal += weight * row * row.transpose();
                 right += weight * point.value * row;
             }
-            law.covariance = normal.try_inverse()?;
-            law.coefficients = law.covariance * right;
+            model.covariance = normal.try_inverse()?;
+            model.coefficients = model.covariance * right;
         }
-        law.coefficients.iter().all(|c| c.is_finite()).then_some(law)
+        model.coefficients.iter().all(|c| c.is_finite()).then_some(model)
     }
 
     /// Starts with the line of the median slope between points half the stack apart, which single slices do not bend.
     fn start(&mut self, points: &[Point]) {
         let apart = points.len() / 2;
         let slopes = points.iter().zip(&points[apart..]).filter(|(a, b)| a.z != b.z);
-        let mut slopes: Vec<f64> = slopes.map(|(a, b)| (b.value - a.value) / (b.z - a.z) * self.half).collect();
-        let slope = if slopes.is_empty() { 0.0 } else { median(&mut slopes) };
+        let slope = median_of(slopes.map(|(a, b)| (b.value - a.value) / (b.z - a.z) * self.half));
         self.coefficients = Vector3::new(0.0, slope, 0.0);
-        let mut levels: Vec<f64> = points.iter().map(|p| p.value - self.at(p.z)).collect();
-        self.coefficients[0] = median(&mut levels);
+        self.coefficients[0] = median_of(points.iter().map(|p| p.value - self.at(p.z)));
     }
 
     fn row(&self, z: f64) -> Vector3<f64> {
@@ -109,7 +106,7 @@ impl SmoothLaw {
         self.row(z).dot(&self.coefficients)
     }
 
-    /// Standard deviation of a slice's value at `z` about the law: of the law itself and of the flicker.
+    /// Standard deviation of a slice's value at `z` about the model: of the model itself and of the flicker.
     pub(super) fn sigma_at(&self, z: f64) -> f64 {
         let row = self.row(z);
         (row.dot(&(self.covariance * row)).max(0.0) + self.scatter * self.scatter).sqrt()
@@ -126,16 +123,16 @@ mod tests {
     }
 
     #[test]
-    fn one_of_six_slices_does_not_bend_the_law_even_near_its_end() {
+    fn one_of_six_slices_does_not_bend_the_model_even_near_its_end() {
         let at = |i: usize| Point { z: i as f64, value: if i == 4 { 0.26 } else { 0.0 }, sigma: 1e-3 };
-        let law = SmoothLaw::fit(&(0..6).map(at).collect::<Vec<_>>(), 0.02, None).expect("points");
-        assert!((0..6).all(|i| law.at(f64::from(i)).abs() < 1e-3) && law.scatter < 1e-3, "{law:?}");
+        let model = GainModel::fit(&(0..6).map(at).collect::<Vec<_>>(), 0.02, None).expect("points");
+        assert!((0..6).all(|i| model.at(f64::from(i)).abs() < 1e-3) && model.scatter < 1e-3, "{model:?}");
     }
 
     #[test]
-    fn one_slice_does_not_bend_the_law() {
-        let clean = SmoothLaw::fit(&points(|_| 0.0), 0.02, None).expect("points");
-        let bent = SmoothLaw::fit(&points(|i| if i == 8 { -0.5 } else { 0.0 }), 0.02, None).expect("points");
+    fn one_slice_does_not_bend_the_model() {
+        let clean = GainModel::fit(&points(|_| 0.0), 0.02, None).expect("points");
+        let bent = GainModel::fit(&points(|i| if i == 8 { -0.5 } else { 0.0 }), 0.02, None).expect("points");
         for i in 0..11 {
             let z = i as f64;
             assert!((clean.at(z) - bent.at(z)).abs() < 1e-3, "{i}: {} for {}", bent.at(z), clean.at(z));
@@ -144,10 +141,10 @@ mod tests {
     }
 
     #[test]
-    fn flicker_of_every_slice_is_scatter_and_not_law() {
-        let law = SmoothLaw::fit(&points(|i| if i % 2 == 0 { 0.01 } else { -0.01 }), 0.02, None).expect("points");
-        assert!((0.006..0.02).contains(&law.scatter), "{}", law.scatter);
-        assert!(law.sigma_at(5.0) > 0.006);
-        assert!(SmoothLaw::fit(&points(|_| 0.0)[..2], 0.02, None).is_none());
+    fn flicker_of_every_slice_is_scatter_and_not_curvature() {
+        let model = GainModel::fit(&points(|i| if i % 2 == 0 { 0.01 } else { -0.01 }), 0.02, None).expect("points");
+        assert!((0.006..0.02).contains(&model.scatter), "{}", model.scatter);
+        assert!(model.sigma_at(5.0) > 0.006);
+        assert!(GainModel::fit(&points(|_| 0.0)[..2], 0.02, None).is_none());
     }
 }

@@ -1,0 +1,83 @@
+//! Findings about the rail and the rig.
+
+use super::facts::Facts;
+use crate::calibration::rail_anomalies::{Jump, RailAnomaly};
+use crate::calibration::{camera, capture};
+use crate::calibration::{grade::Finding, names::first_names};
+use crate::types::report::Grade;
+
+/// How far the image jumps, as a predicate.
+fn jumps(by: Jump) -> String {
+    let px = by.shift[0].hypot(by.shift[1]);
+    match (px > 0.0, by.turn != 0.0) {
+        (true, true) => format!("jumps by {px:.1} px and turns by {:.2} degrees", by.turn.abs()),
+        (false, true) => format!("turns by {:.2} degrees", by.turn.abs()),
+        _ => format!("jumps by {px:.1} px"),
+    }
+}
+
+/// Findings about the rail and the rig.
+pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
+    let name = |i: usize| facts.slices.name(i);
+    let mut out: Vec<Finding> = facts
+        .solution
+        .rail
+        .anomalies
+        .iter()
+        .map(|anomaly| match anomaly {
+            RailAnomaly::Missing { after } => Finding::remark(
+                "slice_missing",
+                format!("a slice seems to be missing between {} and {}: the step between them is twice the usual one; check the rail and the files", name(*after), name(after + 1)),
+            ),
+            RailAnomaly::Doubled { first } => Finding::remark(
+                "slice_doubled",
+                format!("{} and {} were taken at the same rail position: remove one of them, or check whether the rail is stuck", name(*first), name(first + 1)),
+            ),
+            RailAnomaly::Backwards { after } => Finding::limiting(
+                Grade::Usable,
+                "slices_out_of_order",
+                format!("the rail seems to move backwards between {} and {}: check that the files are in the order of capture", name(*after), name(after + 1)),
+            ),
+            RailAnomaly::Uneven { after, steps } => Finding::remark(
+                "uneven_step",
+                format!("the step between {} and {} is {steps:.2} times the usual one: check the rail for backlash or a missed step", name(*after), name(after + 1)),
+            ),
+            RailAnomaly::Bumped { after, from, by } => Finding::limiting(
+                Grade::Usable,
+                "rig_bumped",
+                format!("the image {} between {} and {}: the rig was bumped or the target moved; fasten both, and calibrate again", jumps(*by), name(*after), name(*from)),
+            ),
+            RailAnomaly::Displaced { slice, by } => Finding::limiting(
+                Grade::Usable,
+                "slice_displaced",
+                format!("{} lies beside the line of the other slices: its image {}; its own dots were used: check the rail for backlash, and take the stack again", name(*slice), jumps(*by)),
+            ),
+            RailAnomaly::OutOfOrder { order } => Finding::limiting(
+                Grade::Usable,
+                "slices_out_of_order",
+                format!("by the size of the target the slices were taken in the order {} or the reverse, which is not the order of the files: rename them (a camera's counter may have started again), or check that the rail moves in one direction", first_names(facts.slices, order, 12)),
+            ),
+        })
+        .collect();
+    if let (Some(given), Some(found)) = (facts.capture.told, facts.capture.found)
+        && given != found
+    {
+        let detail = format!(
+            "capture_mode specifies {}, but the slices show {}: correct the option, or check what the rail moves",
+            capture::name(given),
+            capture::name(found)
+        );
+        out.push(Finding::remark("capture_mode_disagrees", detail));
+    }
+    if camera::is_contradictory(facts.camera) {
+        out.push(Finding::remark(
+            "principal_distance_disagrees",
+            format!(
+                "the principal distance is {:.2} mm {}",
+                facts.camera.principal_distance_mm.unwrap_or_default(),
+                facts.camera.detail
+            ),
+        ));
+    }
+    out
+}
