@@ -3,7 +3,10 @@
 //! The metrics of a stack do not use them, because a real stack has no truth. Users: the tests of fusion and the demo
 //! command, which render stacks with a known truth.
 
-use super::score::same_shape;
+use super::{
+    piella::{SIDE, moments},
+    score::{same_shape, whole_neighbourhoods},
+};
 use crate::imaging::Plane;
 
 /// Peak signal-to-noise ratio of luma planes 0..255 over the non-zero pixels of `mask` (all without one), dB:
@@ -25,12 +28,11 @@ pub fn psnr(picture: &Plane<f32>, truth: &Plane<f32>, mask: Option<&Plane<u8>>) 
 /// Structural similarity (Wang et al., IEEE TIP 13(4), 2004) of luma planes 0..255: the mean over the 8x8 uniform
 /// windows whose pixels all count. 1 for equal planes; none if sizes differ or no window counts.
 pub fn ssim(picture: &Plane<f32>, truth: &Plane<f32>, mask: Option<&Plane<u8>>) -> Option<f64> {
-    const SIDE: usize = 8;
     const C1: f64 = (0.01 * 255.0) * (0.01 * 255.0);
     const C2: f64 = (0.03 * 255.0) * (0.03 * 255.0);
-    let windows = super::two_source::moments(picture, truth)?;
+    let windows = moments(picture, truth)?;
     let whole = match mask {
-        Some(mask) if same_shape(mask, truth) => Some(super::score::whole_neighbourhoods(mask, SIDE)),
+        Some(mask) if same_shape(mask, truth) => Some(whole_neighbourhoods(mask, SIDE)),
         Some(_) => return None,
         None => None,
     };

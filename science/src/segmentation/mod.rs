@@ -34,7 +34,7 @@ use crate::{
 use components::{Components, Connectivity};
 pub use exchanged_lights::lights_exchanged;
 use illumination::Illumination;
-use otsu::Histogram;
+use otsu::{Histogram, PART};
 use soft_alpha::{MIN_COVER, soft_alpha};
 use tones::Tones;
 use warnings::Cleaning;
@@ -44,9 +44,6 @@ const WIDE_HOLE_PX: u64 = 16;
 /// Range of the brightest value of a true hole, where 0 is as bright as the object and 1 as the background. A wide hole
 /// outside of this range is a reflection.
 const HOLE_BRIGHTNESS: [f64; 2] = [0.65, 1.2];
-
-/// Pixels that a thread takes at a time.
-const PART: usize = 1 << 16;
 
 /// Parameters of [`segment`].
 #[derive(Debug, Clone, Copy, PartialEq)]
