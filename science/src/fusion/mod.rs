@@ -34,9 +34,12 @@
 
 mod align;
 pub mod crop;
+mod fused;
 mod guided;
 mod halo_corrected;
 pub mod height;
+mod in_flight;
+mod lock;
 pub mod method;
 mod metrics;
 mod plan;
@@ -55,8 +58,9 @@ use std::{path::Path, sync::Arc};
 
 use rayon::prelude::*;
 
-pub use plan::{Fused, FusionRequest, Plan, SlicePlan, UNCOVERED};
-pub use resources::slices_in_flight;
+pub use fused::Fused;
+pub use in_flight::slices_in_flight;
+pub use plan::{FusionRequest, Plan, SlicePlan, UNCOVERED};
 pub use warped_slice::warped_slice;
 
 use crate::{

@@ -19,7 +19,7 @@
 
 use rayon::prelude::*;
 
-use super::Estimates;
+use super::estimates::Estimates;
 use crate::{fusion::plan::UNCOVERED, imaging::Plane};
 
 /// Radius of the window, px, and standard deviation of its Gaussian.
