@@ -1,4 +1,4 @@
-//! Measures the defocus model of a stack in the stack itself, because neither the aperture nor the pixel pitch is given.
+//! Measures the defocus model of a stack in the stack itself: neither the aperture nor the pixel pitch is given.
 //!
 //! In: the sharpest slice per pixel, where there is texture, and what the profile knows of the rail and the direction.
 //! Out: a [`DefocusModel`]. Its blur radius per step is the median over blocks of dense texture, and its direction that

@@ -1,4 +1,4 @@
-//! Coarse statistics of a stack, on which the heights of all pixels depend: its noise, and the width of its focus curves.
+//! Coarse statistics of a stack, on which the heights of all pixels depend: noise, and the width of focus curves.
 
 use rayon::prelude::*;
 

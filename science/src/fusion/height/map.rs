@@ -25,8 +25,8 @@ const MAX_SIGMA: f32 = 1.0;
 ///
 /// ```
 /// # use std::sync::Arc;
-/// # use pinstack_science::{fusion::{self, FusionRequest, Plan, SlicePlan, height::axis::HeightAxis}, types::NoControl};
-/// # use pinstack_science::synth::{Light, Rendered, Rig, Scene, Stage};
+/// # use pinstack_science::fusion::{self, FusionRequest, Plan, SlicePlan, height::axis::HeightAxis};
+/// # use pinstack_science::{synth::{Light, Rendered, Rig, Scene, Stage}, types::NoControl};
 /// let rig = Rig::sized(120, 80, 7);
 /// let slices = Rendered::scene(Arc::new(Stage::new(&rig, &Scene::insect(4))), Light::Front);
 /// let slice = |i| SlicePlan { homography: rig.homography(i), gain: rig.gain(i), rail_mm: None };
