@@ -24,9 +24,6 @@ use pinstack_science::{
     types::fusion_options::Method,
 };
 
-const METHODS: [(&str, Method); 3] =
-    [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("halo_corrected", Method::HaloCorrected)];
-
 /// The row of the default method with the true decision map.
 const BY_TRUTH: &str = "true decision map";
 
@@ -70,7 +67,7 @@ fn arguments() -> Result<Arguments, String> {
             "--scene" => found.scene = Some(value()?),
             "--method" => {
                 let value = value()?;
-                let known = METHODS.iter().any(|(name, _)| *name == value) || value == BY_TRUTH;
+                let known = Method::ALL.iter().any(|method| method.name() == value) || value == BY_TRUTH;
                 found.method = Some(known.then_some(value.clone()).ok_or(format!("--method {value}: no such method"))?);
             }
             "--unknown-near-end" => found.near_end_known = false,
@@ -157,8 +154,8 @@ fn main() {
             let mut pictures: Vec<(&str, bool, Raster)> = Vec::new();
             let regions = Regions::of(&stack.truth, stack.covered());
             let wanted = |name: &str| arguments.method.as_ref().is_none_or(|wanted| wanted == name);
-            for (name, method) in METHODS.into_iter().filter(|(name, _)| wanted(name)) {
-                pictures.push((name, true, stack.fuse(method).image));
+            for method in Method::ALL.into_iter().filter(|method| wanted(method.name())) {
+                pictures.push((method.name(), true, stack.fuse(method).image));
             }
             if wanted(BY_TRUTH) {
                 pictures.push((BY_TRUTH, true, stack.fuse_by_truth().image));

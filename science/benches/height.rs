@@ -11,9 +11,6 @@ use std::path::PathBuf;
 use height::{Case, Score};
 use pinstack_science::{synth::scene::SCENES, types::fusion_options::Method};
 
-const METHODS: [(&str, Method); 3] =
-    [("guided", Method::Guided), ("pyramid", Method::Pyramid), ("halo_corrected", Method::HaloCorrected)];
-
 #[derive(Default)]
 struct Arguments {
     quick: bool,
@@ -57,14 +54,11 @@ fn main() {
         eprintln!("{why}");
         std::process::exit(2)
     });
-    let methods = METHODS.iter().filter(|(name, _)| arguments.method.as_ref().is_none_or(|wanted| wanted == name));
+    let wanted = |method: &Method| arguments.method.as_ref().is_none_or(|wanted| wanted == method.name());
+    let methods = Method::ALL.into_iter().filter(wanted);
     if let Some(folder) = &arguments.stack {
         let to = arguments.to.clone().unwrap_or_else(|| "relief.png".into());
-        return height::relief_of(
-            folder,
-            &to,
-            methods.clone().next_back().map_or(Method::default(), |method| method.1),
-        );
+        return height::relief_of(folder, &to, methods.last().unwrap_or_default());
     }
     println!("{}", Score::HEADER);
     for (scene, make) in SCENES.iter().filter(|(name, _)| arguments.scene.as_ref().is_none_or(|wanted| wanted == name))
@@ -72,8 +66,8 @@ fn main() {
         for &(seed, slices, noise, blur) in &STACKS[..if arguments.quick { 1 } else { STACKS.len() }] {
             let case = Case { make: *make, seed, slices, noise, blur };
             let stack = case.render();
-            for (name, method) in methods.clone() {
-                let score = stack.score(*method);
+            for method in methods.clone() {
+                let (name, score) = (method.name(), stack.score(method));
                 println!("| {scene} {seed}, {slices} slices, noise {noise}, blur {blur} | {name} {score}");
             }
         }

@@ -2,7 +2,7 @@
 //! -- [--quick | --large] [--only typical|dense|sixteen] [--slices N] [--threads N] [--no-enfuse] [--zip FILE]`.
 //! `--quick` leaves out the large pictures, `--large` the small ones; `--zip` measures a stack of your own instead, one
 //! light, as if its slices were aligned and the first in focus nearest to the camera.
-//! `METHOD=guided|pyramid|halo_corrected` in the environment says how slices are fused.
+//! `METHOD=NAME` in the environment says by which method slices are fused.
 //!
 //! Each row of the table is a process of its own, so that its peak of memory is its own. CPU time counts, not wall
 //! time, because others may be using the machine; the ratio to the decoder in the same run is the figure to watch.

@@ -125,7 +125,7 @@ mod tests {
             ..ProfileInput::default()
         };
         let by_profile = disk_need_by_profile(&profile);
-        for method in [Method::Guided, Method::Pyramid, Method::HaloCorrected] {
+        for method in Method::ALL {
             let JobRequest::Stack(mut request) = stack(33, 65, 8, method) else { panic!("a stack") };
             request.options.height = HeightMode::Auto;
             let need = disk_need(&JobRequest::Stack(request));

@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn a_height_map_never_lowers_the_need() {
-        for method in [Method::Guided, Method::Pyramid, Method::HaloCorrected] {
+        for method in Method::ALL {
             let need = |height| {
                 let JobRequest::Stack(mut request) = stack(10, 6000, 8) else { panic!("a stack") };
                 (request.options.height, request.options.method) = (height, method);

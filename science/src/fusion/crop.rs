@@ -9,6 +9,13 @@ use crate::{
 ///
 /// Slices and canvas are `width` x `height` px. Coverage follows the same rule as resampling, so no slice has an
 /// uncovered pixel in the rectangle. The result depends only on the profile: all views of a scan are cropped alike.
+///
+/// ```
+/// # use pinstack_science::{fusion::crop::valid_rect, imaging::Rect, types::Homography};
+/// let moved = Homography::similarity(1.0, [4.0, 0.0]);
+/// let rect = valid_rect(&[Homography::IDENTITY, moved], None, 60, 40);
+/// assert_eq!(rect, Some(Rect { x: 4, y: 0, width: 56, height: 40 }));
+/// ```
 pub fn valid_rect(
     homographies: &[Homography],
     distortion: Option<&Distortion>,

@@ -1,13 +1,4 @@
-//! What the methods differ in: one exhaustive `match` per question, so that the compiler lists what a new method must
-//! answer.
-//!
-//! | question | guided | pyramid | halo-corrected |
-//! |---|---|---|---|
-//! | focus measure of the first pass | saliency | saliency | focus energy, with the coarse focus |
-//! | second pass | `guided` | `pyramid` | `halo_corrected`, which fuses by pyramids too |
-//! | meaning of [`Fused::index`](super::Fused::index) | largest saliency | largest saliency | decision map |
-//! | extra memory of the second pass | none | none | decision map and pyramid image |
-//! | method of the back light | guided | pyramid | pyramid |
+//! What the methods differ in: one row per method. The compiler asks for the row of a new one.
 
 use super::{
     align::{Aligned, focus_measure::FocusMeasure},
@@ -21,7 +12,7 @@ use super::{
 use crate::{
     imaging::Sample,
     types::{
-        Error, ErrorKind, Interrupted,
+        Interrupted,
         fusion_options::{GuidedParams, Method},
     },
 };
@@ -29,13 +20,86 @@ use crate::{
 /// A stage of progress as [`Control::progress`](crate::types::Control::progress) reports it, and its share of the time.
 pub type ProgressStage = (&'static str, f64);
 
+/// What a method is, for samples of kind `S`.
+struct Row<S> {
+    name: &'static str,
+    title: &'static str,
+    progress_stages: &'static [ProgressStage],
+    back_light: Method,
+    uses_guided_params: bool,
+    /// The focus measure by which the first pass compares slices.
+    focus_measure: fn(&Plan) -> FocusMeasure,
+    /// Whether that is the focus energy, with the coarse focus.
+    has_coarse_focus: bool,
+    refines_the_index: bool,
+    /// Bytes per pixel of the canvas that the second pass holds beside the index and the fused image, for pixels of as
+    /// many bytes.
+    extra_bytes_per_pixel: fn(u64) -> u64,
+    /// Where a method refines the index, this replaces that of the first pass.
+    second_pass: fn(&Run<'_>, &mut Aligned) -> Result<Blended<S>, Interrupted>,
+}
+
+fn row<S: Sample, const C: usize>(method: Method) -> Row<S> {
+    match method {
+        Method::Guided => Row {
+            name: "guided",
+            title: "guided filter (paper)",
+            progress_stages: &[("aligning", 3.0), ("fusing", 2.0)],
+            back_light: Method::Guided,
+            uses_guided_params: true,
+            focus_measure: |plan| FocusMeasure::saliency(&plan.params),
+            has_coarse_focus: false,
+            refines_the_index: false,
+            extra_bytes_per_pixel: |_| 0,
+            second_pass: |run, aligned| guided::blend::<S, C>(run, aligned),
+        },
+        Method::Pyramid => Row {
+            name: "pyramid",
+            title: "pyramid",
+            progress_stages: &[("aligning", 3.0), ("fusing", 2.0)],
+            back_light: Method::Pyramid,
+            uses_guided_params: false,
+            focus_measure: |_| FocusMeasure::saliency(&GuidedParams::default()),
+            has_coarse_focus: false,
+            refines_the_index: false,
+            extra_bytes_per_pixel: |_| 0,
+            second_pass: |run, aligned| pyramid::blend::<S, C>(run, aligned, None, shown::MARGIN),
+        },
+        Method::HaloCorrected => Row {
+            name: "halo_corrected",
+            title: "halo corrected",
+            progress_stages: &[("aligning", 3.0), ("fusing", 3.0), ("correcting halos", 3.0)],
+            back_light: Method::Pyramid,
+            uses_guided_params: false,
+            focus_measure: |plan| FocusMeasure::energy(plan.width, plan.height, plan.slices.len()),
+            has_coarse_focus: true,
+            refines_the_index: true,
+            // decision map and pyramid image
+            extra_bytes_per_pixel: |pixel| 10 + pixel,
+            second_pass: halo_corrected::fuse::<S, C>,
+        },
+    }
+}
+
 impl Method {
+    /// The row of the method as far as it is the same for all samples.
+    fn row(self) -> Row<u8> {
+        row::<u8, 1>(self)
+    }
+
+    /// The name of the method in requests and reports.
+    pub fn name(self) -> &'static str {
+        self.row().name
+    }
+
+    /// The name of the method on pages for people.
+    pub fn title(self) -> &'static str {
+        self.row().title
+    }
+
     /// The stages of progress that [`fuse`](super::fuse) reports, in order.
     pub fn progress_stages(self) -> &'static [ProgressStage] {
-        match self {
-            Self::Guided | Self::Pyramid => &[("aligning", 3.0), ("fusing", 2.0)],
-            Self::HaloCorrected => &[("aligning", 3.0), ("fusing", 3.0), ("correcting halos", 3.0)],
-        }
+        self.row().progress_stages
     }
 
     /// The method that fuses the back light of a stack whose front light is fused by this one.
@@ -44,55 +108,35 @@ impl Method {
     /// more of the hairs of a silhouette, and black against white has no halo to correct.
     #[must_use]
     pub fn for_back_light(self) -> Self {
-        match self {
-            Self::Guided => Self::Guided,
-            Self::Pyramid | Self::HaloCorrected => Self::Pyramid,
-        }
+        self.row().back_light
     }
 
     /// Whether the parameters of guided filtering are parameters of this method.
     pub fn uses_guided_params(self) -> bool {
-        match self {
-            Self::Guided => true,
-            Self::Pyramid | Self::HaloCorrected => false,
-        }
+        self.row().uses_guided_params
     }
 
     /// Whether [`Fused::index`](super::Fused::index) is a refined decision map; otherwise it is the slice with the
     /// largest focus measure.
     pub(super) fn refines_the_index(self) -> bool {
-        match self {
-            Self::Guided | Self::Pyramid => false,
-            Self::HaloCorrected => true,
-        }
+        self.row().refines_the_index
+    }
+
+    /// Whether the first pass measures the coarse focus.
+    pub(super) fn has_coarse_focus(self) -> bool {
+        self.row().has_coarse_focus
+    }
+
+    /// Bytes per pixel of the canvas that the second pass holds beside the index and the fused image, for pixels of
+    /// `pixel` bytes.
+    pub(super) fn extra_bytes_per_pixel(self, pixel: u64) -> u64 {
+        (self.row().extra_bytes_per_pixel)(pixel)
     }
 }
 
 /// The focus measure by which the first pass compares slices.
 pub(super) fn focus_measure(plan: &Plan) -> FocusMeasure {
-    match plan.method {
-        Method::Guided => FocusMeasure::saliency(&plan.params),
-        // the parameters are those of guided filtering alone
-        Method::Pyramid => FocusMeasure::saliency(&GuidedParams::default()),
-        Method::HaloCorrected => FocusMeasure::energy(plan.width, plan.height, plan.slices.len()),
-    }
-}
-
-/// Whether the first pass measures the coarse focus.
-pub(super) fn has_coarse_focus(method: Method) -> bool {
-    match method {
-        Method::Guided | Method::Pyramid => false,
-        Method::HaloCorrected => true,
-    }
-}
-
-/// Bytes per pixel of the canvas that the second pass holds beside the index and the fused image, for pixels of `pixel`
-/// bytes.
-pub(super) fn extra_bytes_per_pixel(method: Method, pixel: u64) -> u64 {
-    match method {
-        Method::Guided | Method::Pyramid => 0,
-        Method::HaloCorrected => 10 + pixel,
-    }
+    (plan.method.row().focus_measure)(plan)
 }
 
 /// Runs the second pass. Where a method refines the index, `aligned.index` is replaced.
@@ -100,13 +144,22 @@ pub(super) fn second_pass<S: Sample, const C: usize>(
     run: &Run<'_>,
     aligned: &mut Aligned,
 ) -> Result<Blended<S>, Interrupted> {
-    match run.plan.method {
-        Method::Guided => guided::blend::<S, C>(run, aligned),
-        Method::Pyramid => pyramid::blend::<S, C>(run, aligned, None, shown::MARGIN),
-        Method::HaloCorrected => {
-            let no_energy = || Error::new(ErrorKind::Internal, "the first pass has not measured the focus energy");
-            let energy = aligned.energy.take().ok_or_else(no_energy)?;
-            halo_corrected::fuse::<S, C>(run, aligned, energy)
+    (row::<S, C>(run.plan.method).second_pass)(run, aligned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_methods_are_listed_by_the_names_that_requests_have() {
+        let parsed = |name: &str| serde_json::from_value::<Method>(name.into());
+        for method in Method::ALL {
+            assert_eq!(parsed(method.name()).expect("a method"), method);
         }
+        // the error lists the names of all methods in backticks
+        let error = parsed("").expect_err("no method has an empty name").to_string();
+        let known: Vec<Method> = error.split('`').filter_map(|word| parsed(word).ok()).collect();
+        assert!(known.len() >= Method::ALL.len() && known.iter().all(|method| Method::ALL.contains(method)), "{error}");
     }
 }

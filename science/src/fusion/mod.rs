@@ -34,9 +34,12 @@
 
 mod align;
 pub mod crop;
+mod fused;
 mod guided;
 mod halo_corrected;
 pub mod height;
+mod in_flight;
+mod lock;
 pub mod method;
 mod metrics;
 mod plan;
@@ -55,8 +58,9 @@ use std::{path::Path, sync::Arc};
 
 use rayon::prelude::*;
 
-pub use plan::{Fused, FusionRequest, Plan, SlicePlan, UNCOVERED};
-pub use resources::slices_in_flight;
+pub use fused::Fused;
+pub use in_flight::slices_in_flight;
+pub use plan::{FusionRequest, Plan, SlicePlan, UNCOVERED};
 pub use warped_slice::warped_slice;
 
 use crate::{
@@ -87,6 +91,20 @@ const MAX_CLAMPED_FRACTION: f64 = 0.01;
 /// [`Interrupted::Cancelled`] if `control` requests it. An error that names the slice if the slice cannot be decoded,
 /// has another size or sample format, or has a homography that cannot be inverted. An error if the scratch file cannot
 /// be written.
+///
+/// ```
+/// # use pinstack_science::{fusion::{self, FusionRequest, Plan}, imaging::Raster, types::NoControl};
+/// // two aligned slices: the first is sharp on the left, the second on the right
+/// let slices = [0, 1].map(|half| {
+///     let sample = |at: usize| if at % 64 / 32 == half { (at * 7919 % 251) as u8 } else { 125 };
+///     Raster::eight(64, 48, 1, (0..64 * 48).map(sample).collect())
+/// });
+/// let request = FusionRequest { metrics: true, ..FusionRequest::default() };
+/// let fused = fusion::fuse(&&slices[..], &Plan::aligned(64, 48, 2), &request, &std::env::temp_dir(), &NoControl)?;
+/// assert_eq!((fused.index.at(8, 24), fused.index.at(56, 24)), (0, 1));
+/// assert_eq!(fused.quality.expect("the metrics were requested").slices.len(), 2);
+/// # Ok::<(), pinstack_science::types::Interrupted>(())
+/// ```
 pub fn fuse(
     slices: &dyn Slices,
     plan: &Plan,

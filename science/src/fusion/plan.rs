@@ -1,17 +1,19 @@
-//! What [`fuse`](super::fuse) is asked for, and what it returns.
+//! What [`fuse`](super::fuse) is asked for.
 
-use super::height::{HeightMap, axis::HeightAxis};
+use super::height::axis::HeightAxis;
 use crate::{
-    imaging::{Plane, Raster, warp::Warp},
-    quality::StackQuality,
+    imaging::{Plane, warp::Warp},
     types::{
-        Error, ErrorKind, Homography, Warning,
+        Error, ErrorKind, Homography,
         distortion::Distortion,
         fusion_options::{GuidedParams, Method},
         lateral_colour::LateralColour,
         profile::{CaptureMode, ProfileInput},
     },
 };
+
+#[cfg(doc)]
+use super::Fused;
 
 /// Value of [`Fused::index`] where no slice covers the canvas.
 pub const UNCOVERED: u16 = u16::MAX;
@@ -226,25 +228,6 @@ pub struct FusionRequest<'a> {
     /// object. They and what is within 32 px of them are fused. To save time, other pixels of [`Fused::image`] may be
     /// those of the reference slice, and [`Fused::index`] may be less exact there. `None`: all pixels are shown.
     pub shown: Option<&'a Plane<u8>>,
-}
-
-/// A fused stack.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Fused {
-    /// The fused image, in the bit depth of the first slice; 1 channel if the first slice is grey, else 3. Black where
-    /// no slice covers the canvas.
-    pub image: Raster,
-    /// 0-based slice per pixel, [`UNCOVERED`] where no slice covers the canvas: the decision map of
-    /// [`Method::HaloCorrected`], and for the other methods the slice with the largest focus measure.
-    pub index: Plane<u16>,
-    /// The height map, if the plan asked for it.
-    pub height_map: Option<HeightMap>,
-    /// 255 where at least one slice covers the canvas, else 0.
-    pub valid: Plane<u8>,
-    /// The metrics, if they were requested.
-    pub quality: Option<StackQuality>,
-    /// What the user should know about the result.
-    pub warnings: Vec<Warning>,
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Memory and disk space that [`fuse`](super::fuse) needs, for callers that share a machine between jobs.
 
-use super::{align, height, method, plan::Plan};
+use super::{align, height, in_flight::slices_in_flight, plan::Plan};
 use crate::imaging::Depth;
 
 /// One mebibyte.
@@ -28,7 +28,7 @@ impl Plan {
         let in_flight = 7 * depth.bytes() as u64 + 1;
         let first_pass = 4 + in_flight * slices_in_flight(threads, self.slices.len()) as u64;
         let height = if self.height_map.is_some() { height::BYTES_PER_PIXEL } else { 0 };
-        let second_pass = 3 + pixel + method::extra_bytes_per_pixel(self.method, pixel).max(height);
+        let second_pass = 3 + pixel + self.method.extra_bytes_per_pixel(pixel).max(height);
         let sampled = if metrics { 32 } else { 0 };
         pixels * first_pass.max(second_pass) + (threads as u64 * 48 + 32 + sampled) * MIB
     }
@@ -42,7 +42,7 @@ impl Plan {
         let pixels = side(self.width).saturating_mul(side(self.height));
         let samples = pixels.saturating_mul((channels * depth.bytes()) as u64);
         let cells = |length: usize| side(length.div_ceil(align::coarse_focus::CELL));
-        let cells = match method::has_coarse_focus(self.method) {
+        let cells = match self.method.has_coarse_focus() {
             true => cells(self.width).saturating_mul(cells(self.height)),
             false => 0,
         };
@@ -50,21 +50,9 @@ impl Plan {
     }
 }
 
-/// Number of slices that [`fuse`](super::fuse) decodes or has in memory at the same time with `threads` threads.
-pub fn slices_in_flight(threads: usize, slices: usize) -> usize {
-    align::slices_in_flight(threads, slices)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn half_of_the_threads_decode_and_there_are_never_more_slices_in_memory_than_four() {
-        let in_flight = [1, 2, 4, 6, 8, 64].map(|threads| slices_in_flight(threads, 20));
-        assert_eq!(in_flight, [1, 2, 3, 4, 4, 4]);
-        assert_eq!([slices_in_flight(8, 1), slices_in_flight(8, 3)], [1, 3]);
-    }
 
     #[test]
     fn memory_is_bounded_by_a_constant_for_any_number_of_slices_and_threads() {

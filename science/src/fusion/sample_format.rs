@@ -4,7 +4,7 @@ use std::{iter, sync::Mutex};
 
 use rayon::prelude::*;
 
-use super::{plan::Plan, resources::slices_in_flight, run::locked};
+use super::{in_flight::slices_in_flight, lock::locked, plan::Plan};
 use crate::{
     imaging::{Depth, Raster, Sample, Samples, Slices},
     types::{Error, ErrorKind},

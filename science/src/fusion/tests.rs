@@ -5,6 +5,7 @@ mod focus_range;
 mod halo_corrected;
 mod near_detail;
 mod oracle;
+mod published;
 mod pyramid;
 pub(super) mod rendered;
 mod robust;

@@ -4,11 +4,7 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-use super::{
-    align::Aligned,
-    plan::UNCOVERED,
-    run::{Run, locked},
-};
+use super::{align::Aligned, lock::locked, plan::UNCOVERED, run::Run};
 use crate::{
     imaging::{Rect, Sample},
     types::Interrupted,

@@ -13,6 +13,17 @@ use crate::{
 /// [`ErrorKind::SliceCountMismatch`] when the stack or the plan has no such slice; [`ErrorKind::SizeMismatch`] when its
 /// size is not that of the plan; [`ErrorKind::InvalidProfile`] when the geometry of the plan cannot be applied to it;
 /// those of [`Slices::load`].
+///
+/// ```
+/// # use pinstack_science::{fusion::{Plan, SlicePlan, warped_slice}, imaging::Raster, types::Homography};
+/// let slice = [Raster::eight(40, 30, 1, (0..40 * 30).map(|at| (at % 200) as u8).collect())];
+/// let moved = SlicePlan { homography: Homography::similarity(1.0, [4.0, 2.0]), ..SlicePlan::ALIGNED };
+/// let plan = Plan { slices: vec![moved], ..Plan::aligned(40, 30, 1) };
+/// let warped = warped_slice(&&slice[..], &plan, 0)?.luma();
+/// assert!((warped.at(24, 12) - slice[0].luma().at(20, 10)).abs() < 1.0);
+/// assert_eq!(warped.at(0, 0), 0.0, "not covered");
+/// # Ok::<(), pinstack_science::types::Error>(())
+/// ```
 pub fn warped_slice(slices: &dyn Slices, plan: &Plan, index: usize) -> Result<Raster, Error> {
     let (count, planned) = (slices.count(), plan.slices.len());
     let both = count.min(planned);

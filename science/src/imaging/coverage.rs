@@ -150,13 +150,15 @@ impl Coverage {
             .all(|span| span.is_empty() || span.end <= rect.x || span.start >= rect.x + rect.width)
     }
 
+    /// The span of row `y` of the canvas within `rect`, in columns relative to it.
+    pub fn span_in(&self, y: usize, rect: Rect) -> Range<usize> {
+        let within = |column: usize| column.clamp(rect.x, rect.x + rect.width) - rect.x;
+        within(self.spans[y].start)..within(self.spans[y].end)
+    }
+
     /// The spans of the rows of `rect`, in columns relative to it.
     pub fn spans_in(&self, rect: Rect) -> impl Iterator<Item = Range<usize>> + '_ {
-        self.spans[rect.y..rect.y + rect.height].iter().map(move |span| {
-            let start = span.start.clamp(rect.x, rect.x + rect.width) - rect.x;
-            let end = span.end.clamp(rect.x, rect.x + rect.width) - rect.x;
-            start..end
-        })
+        (rect.y..rect.y + rect.height).map(move |y| self.span_in(y, rect))
     }
 
     /// Fills the uncovered pixels of `plane`, which is the rectangle `rect` of the canvas. A row with covered pixels

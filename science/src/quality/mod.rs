@@ -13,42 +13,29 @@
 //! [`sampling`] defines which pixels of a large canvas are measured. It depends on the canvas and the mask alone, so
 //! that the numbers do not depend on the number of threads.
 //!
-//! [`full_reference`] and [`two_source`] are not part of a stack's metrics. The first compares with a known truth, in
-//! tests and in the demo command; the second with published tables, in tests.
+//! [`full_reference`] is not part of a stack's metrics: it compares with a known truth, in tests and in the demo
+//! command.
 
 pub mod alignment;
+mod clipping;
 mod deterministic_sum;
 mod diagnosis;
 mod flicker;
 mod focus;
 mod focus_order;
 pub mod full_reference;
-pub mod piella;
+mod piella;
 pub mod sampling;
 pub mod score;
 pub mod slice;
-pub mod two_source;
-pub mod xydeas;
+mod stack_quality;
+#[cfg(test)]
+pub(crate) mod two_source;
+mod xydeas;
 
-use crate::{
-    imaging::Plane,
-    types::metrics::{AlignmentMetrics, Finding, FocusMetrics, FusionMetrics, SliceMetrics},
-};
-
-/// The metrics of one light of a stack.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct StackQuality {
-    /// How well the fused image preserves the detail of the sharpest slices.
-    pub fusion: FusionMetrics,
-    /// Whether the slices cover the object in depth.
-    pub focus: FocusMetrics,
-    /// Whether the profile fits this stack.
-    pub alignment: AlignmentMetrics,
-    /// One entry per slice, in order.
-    pub slices: Vec<SliceMetrics>,
-    /// Faults and remarks, warnings first.
-    pub findings: Vec<Finding>,
-}
+use crate::types::metrics::SliceMetrics;
+pub use focus::DecisionMap;
+pub use stack_quality::StackQuality;
 
 /// Version of each group of metrics. A change that alters values must change the version of its group.
 pub const VERSIONS: [&str; 6] = [
@@ -59,21 +46,6 @@ pub const VERSIONS: [&str; 6] = [
     "alignment:similarity-2",
     "exposure:cells-3",
 ];
-
-/// A pixel is clipped at a luma (0..255) of `FULL` and above, or below `ZERO`.
-const FULL: f32 = 254.0;
-const ZERO: f32 = 0.5;
-
-/// Decision map of a fusion: the slice that each pixel is taken from.
-#[derive(Debug, Clone, Copy)]
-pub struct DecisionMap<'a> {
-    /// 0-based index of the slice; `u16::MAX` where no slice covers the pixel.
-    pub index: &'a Plane<u16>,
-    /// Whether the labels are final decisions: true when fusion corrected doubtful labels from their surroundings,
-    /// false when each label is the slice with the highest focus measure at that pixel alone. Defocus spread of near
-    /// parts puts more wrong labels into a map that is not refined, so thresholds on it are higher.
-    pub refined: bool,
-}
 
 /// Combines all measurements of a stack and derives the findings.
 ///

@@ -3,21 +3,60 @@
 //! `Q = (2 ma mb + c) / (ma^2 + mb^2 + c) * (2 cov + c) / (va + vb + c)` with means `ma`, `mb`, variances `va`, `vb`,
 //! the covariance `cov` and the stabiliser `c`.
 
+use super::score::same_shape;
+use crate::imaging::Plane;
+
 /// Stabiliser against division by zero in flat windows: (1e-6 * 255)^2.
-pub const STABILISER: f64 = 2.55e-4 * 2.55e-4;
+const STABILISER: f64 = 2.55e-4 * 2.55e-4;
 
 /// Mean (0..255) and population variance of one window.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Moments {
+pub(super) struct Moments {
     /// Mean.
-    pub mean: f64,
+    pub(super) mean: f64,
     /// Population variance.
-    pub variance: f64,
+    pub(super) variance: f64,
+}
+
+/// One window of two images.
+pub(super) struct WindowPair {
+    pub(super) source: Moments,
+    pub(super) fused: Moments,
+    pub(super) covariance: f64,
+}
+
+/// Side of a window, px.
+pub(super) const SIDE: usize = 8;
+
+/// Moments of every 8x8 window, in two passes: slow, and numerically safe for any content.
+pub(super) fn moments(source: &Plane<f32>, fused: &Plane<f32>) -> Option<Vec<WindowPair>> {
+    if !same_shape(source, fused) || fused.width < SIDE || fused.height < SIDE {
+        return None;
+    }
+    let samples = (SIDE * SIDE) as f64;
+    let mut windows = Vec::with_capacity((fused.width + 1 - SIDE) * (fused.height + 1 - SIDE));
+    for y in 0..=fused.height - SIDE {
+        for x in 0..=fused.width - SIDE {
+            let rows = (y..y + SIDE).flat_map(|y| source.row(y)[x..x + SIDE].iter().zip(&fused.row(y)[x..x + SIDE]));
+            let pairs = rows.map(|(&s, &f)| (f64::from(s), f64::from(f)));
+            let (s, f) = pairs.clone().fold((0.0, 0.0), |(s, f), (vs, vf)| (s + vs, f + vf));
+            let (s, f) = (s / samples, f / samples);
+            let squares = pairs.fold((0.0, 0.0, 0.0), |(ss, ff, sf), (vs, vf)| {
+                (ss + (vs - s) * (vs - s), ff + (vf - f) * (vf - f), sf + (vs - s) * (vf - f))
+            });
+            windows.push(WindowPair {
+                source: Moments { mean: s, variance: squares.0 / samples },
+                fused: Moments { mean: f, variance: squares.1 / samples },
+                covariance: squares.2 / samples,
+            });
+        }
+    }
+    Some(windows)
 }
 
 /// The index of two windows: 1 for equal windows, always within -1..=1.
-#[inline]
-pub fn index(a: Moments, b: Moments, covariance: f64) -> f64 {
+#[cfg(test)]
+pub(super) fn index(a: Moments, b: Moments, covariance: f64) -> f64 {
     // rounding may give a flat window a larger covariance than its variances allow
     let bound = (a.variance * b.variance).max(0.0).sqrt();
     let covariance = covariance.clamp(-bound, bound);
@@ -26,7 +65,7 @@ pub fn index(a: Moments, b: Moments, covariance: f64) -> f64 {
     brightness * structure
 }
 
-/// [`index`] in single precision, each window as (mean, variance): for many windows at once.
+/// The index of two windows, each as (mean, variance), in single precision: for many windows at once.
 #[inline(always)]
 pub(super) fn index_of_many(a: (f32, f32), b: (f32, f32), covariance: f32) -> f32 {
     const C: f32 = STABILISER as f32;

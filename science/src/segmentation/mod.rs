@@ -34,7 +34,7 @@ use crate::{
 use components::{Components, Connectivity};
 pub use exchanged_lights::lights_exchanged;
 use illumination::Illumination;
-use otsu::Histogram;
+use otsu::{Histogram, PART};
 use soft_alpha::{MIN_COVER, soft_alpha};
 use tones::Tones;
 use warnings::Cleaning;
@@ -44,9 +44,6 @@ const WIDE_HOLE_PX: u64 = 16;
 /// Range of the brightest value of a true hole, where 0 is as bright as the object and 1 as the background. A wide hole
 /// outside of this range is a reflection.
 const HOLE_BRIGHTNESS: [f64; 2] = [0.65, 1.2];
-
-/// Pixels that a thread takes at a time.
-const PART: usize = 1 << 16;
 
 /// Parameters of [`segment`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,6 +102,17 @@ impl Silhouette {
 /// Connectivity: parts of the object are 8-connected and also joined by pixels that are only slightly darker than the
 /// background, so that hairs hold together. Holes are 4-connected background that reaches neither the border of the
 /// canvas nor pixels that are not valid. Small parts are removed before small holes are filled.
+///
+/// ```
+/// # use pinstack_science::{imaging::{Plane, Raster}, segmentation::{MaskParams, segment}};
+/// // a dark square in front of a lamp
+/// let inside = |at: usize| (40..80).contains(&(at % 120)) && (20..60).contains(&(at / 120));
+/// let light = (0..120 * 80).map(|at| if inside(at) { 20 } else { 220 }).collect();
+/// let light = Raster::eight(120, 80, 1, light);
+/// let silhouette = segment(&light, &Plane::filled(120, 80, 255), &MaskParams::default_for(120, 80));
+/// assert_eq!((silhouette.mask.at(60, 40), silhouette.mask.at(10, 10)), (255, 0));
+/// assert_eq!(silhouette.metrics.components, 1);
+/// ```
 pub fn segment(backlight: &Raster, valid: &Plane<u8>, params: &MaskParams) -> Silhouette {
     let (width, height) = (backlight.width, backlight.height);
     let mut grey = grey_values(backlight);

@@ -5,7 +5,8 @@
 
 use rayon::prelude::*;
 
-use super::PART;
+/// Pixels that a thread takes at a time.
+pub(super) const PART: usize = 1 << 16;
 
 /// Bins over full scale: so many that the rounding (1/8190 of full scale) is far below noise.
 const BINS: usize = 4096;

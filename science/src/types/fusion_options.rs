@@ -18,6 +18,11 @@ pub enum Method {
     HaloCorrected,
 }
 
+impl Method {
+    /// All methods, the default last.
+    pub const ALL: [Self; 3] = [Self::Guided, Self::Pyramid, Self::HaloCorrected];
+}
+
 /// Parameters of guided filtering fusion, named as in Li, Kang & Hu (2013). The defaults are those of the paper.
 ///
 /// Radii are in px; a window has a side of `2 r + 1`. `eps` is for intensities in 0..1.

@@ -62,7 +62,7 @@ const DIAGNOSES: [&str; 4] = ["lights_exchanged", "dot_target", "unused_input_bi
 
 #[test]
 fn a_sound_stack_gets_none_of_these_warnings() {
-    for method in [Method::Guided, Method::Pyramid, Method::HaloCorrected] {
+    for method in Method::ALL {
         for archive in [front_zip(), both_zip()] {
             let warned = warned(&archive, StackOptions { method, ..StackOptions::default() });
             assert!(DIAGNOSES.iter().all(|code| !warned.iter().any(|told| told == code)), "{method:?}: {warned:?}");

@@ -111,10 +111,10 @@ impl Case {
     }
 }
 
-/// METHOD=guided|pyramid|halo_corrected
+/// That of `METHOD=NAME`.
 fn method() -> Method {
     std::env::var("METHOD").map_or_else(
         |_| Method::default(),
-        |name| serde_json::from_value(name.into()).expect("METHOD is guided, pyramid or halo_corrected"),
+        |name| serde_json::from_value(name.into()).expect("METHOD is the name of a method"),
     )
 }

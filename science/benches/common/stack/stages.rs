@@ -9,7 +9,7 @@ use std::{
 };
 
 use pinstack_science::{
-    fusion::{Fused, FusionRequest, fuse},
+    fusion::{Fused, FusionRequest, Plan, SlicePlan, fuse},
     imaging::{
         Sample, Samples, Slices,
         codec::{self, Metadata},
@@ -49,11 +49,8 @@ pub const OF_BACK: [&str; 3] = ["back light", "its mask", "within the mask"];
 /// What the child does: one stage.
 pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
     let archive = case.archive(folder);
-    let (plan, size) = (case.plan(), (case.width, case.height));
+    let plan = case.plan();
     let watch = Watchmaker::default();
-    let warp = |i: usize| {
-        Warp::new(&plan.slices[i].homography, plan.slices[i].gain, size, size).expect("a regular homography")
-    };
     let fused = |control: &dyn Control| {
         fuse(archive.front(), &plan, &FusionRequest::default(), folder, control).expect("it can be fused")
     };
@@ -78,34 +75,11 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
             since(started)
         }
         "warp" => {
-            for i in 0..case.slices {
-                match archive.front().load(i).expect("a slice").samples {
-                    Samples::Eight(samples) => watch.time(|| warp_rows(&warp(i), &samples)),
-                    Samples::Sixteen(samples) => watch.time(|| warp_rows(&warp(i), &samples)),
-                }
-            }
+            measure_warp(archive.front(), case, &plan, &watch);
             watch.cost()
         }
         "saliency" => {
-            let saliency = Saliency::new(plan.params.r_g as usize, plan.params.sigma_g);
-            for i in 0..case.slices {
-                let raster = archive.front().load(i).expect("a slice");
-                let row = |y: usize, out: &mut [f32]| {
-                    let samples = y * case.width * 3..(y + 1) * case.width * 3;
-                    match &raster.samples {
-                        Samples::Eight(all) => grey::luma_row(&all[samples], 3, out),
-                        Samples::Sixteen(all) => grey::luma_row(&all[samples], 3, out),
-                    }
-                };
-                let bands = (0..case.height).into_par_iter().step_by(128);
-                watch.time(|| {
-                    bands.for_each_init(Rows::default, |buffers, y| {
-                        saliency.rows(size, y..(y + 128).min(case.height), buffers, row, |_, _, values| {
-                            std::hint::black_box(values);
-                        });
-                    });
-                });
-            }
+            measure_saliency(archive.front(), case, &plan, &watch);
             watch.cost()
         }
         "with metrics" => {
@@ -148,6 +122,43 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
                 _ => whole,
             }
         }
+    }
+}
+
+/// Warps each slice.
+fn measure_warp(slices: &dyn Slices, case: Case, plan: &Plan, watch: &Watchmaker) {
+    let size = (case.width, case.height);
+    for i in 0..case.slices {
+        let SlicePlan { homography, gain, .. } = &plan.slices[i];
+        let warp = Warp::new(homography, *gain, size, size).expect("a regular homography");
+        match slices.load(i).expect("a slice").samples {
+            Samples::Eight(samples) => watch.time(|| warp_rows(&warp, &samples)),
+            Samples::Sixteen(samples) => watch.time(|| warp_rows(&warp, &samples)),
+        }
+    }
+}
+
+/// Measures the saliency of each slice, and forgets it row by row.
+fn measure_saliency(slices: &dyn Slices, case: Case, plan: &Plan, watch: &Watchmaker) {
+    let size = (case.width, case.height);
+    let saliency = Saliency::new(plan.params.r_g as usize, plan.params.sigma_g);
+    for i in 0..case.slices {
+        let raster = slices.load(i).expect("a slice");
+        let row = |y: usize, out: &mut [f32]| {
+            let samples = y * case.width * 3..(y + 1) * case.width * 3;
+            match &raster.samples {
+                Samples::Eight(all) => grey::luma_row(&all[samples], 3, out),
+                Samples::Sixteen(all) => grey::luma_row(&all[samples], 3, out),
+            }
+        };
+        let bands = (0..case.height).into_par_iter().step_by(128);
+        watch.time(|| {
+            bands.for_each_init(Rows::default, |buffers, y| {
+                saliency.rows(size, y..(y + 128).min(case.height), buffers, row, |_, _, values| {
+                    std::hint::black_box(values);
+                });
+            });
+        });
     }
 }
 

@@ -11,8 +11,8 @@ use std::sync::Mutex;
 
 use crate::{
     fusion::{
+        lock::{locked, unlocked},
         plan::UNCOVERED,
-        run::{locked, unlocked},
     },
     imaging::{
         Plane,

@@ -2,10 +2,15 @@
 
 use std::sync::OnceLock;
 
-use super::{Pass, focus_measure::RowBuffers};
+use super::{
+    focus_measure::{FocusMeasure, RowBuffers},
+    scratch::ScratchFile,
+    sharpest::Sharpest,
+};
 use crate::{
+    fusion::plan::Plan,
     imaging::{Coverage, Sample, grey, warp::Warp},
-    quality::slice::{Fingerprint, RowMeasurements},
+    quality::slice::{Fingerprint, RowMeasurements, SliceMeter},
     types::{Error, Interrupted},
 };
 
@@ -24,6 +29,15 @@ pub(super) struct DecodedSlice<S> {
     pub fingerprint: Option<Fingerprint>,
     /// Per band, once it is processed: the cells of the coarse focus, and what the meter takes from its rows.
     pub found: Vec<OnceLock<(Vec<f32>, RowMeasurements)>>,
+}
+
+/// What bands are processed by, and where they go.
+pub(super) struct BandContext<'a> {
+    pub plan: &'a Plan,
+    pub meter: Option<&'a SliceMeter<'a>>,
+    pub scratch: ScratchFile,
+    pub sharpest: Sharpest<'a>,
+    pub focus: FocusMeasure,
 }
 
 /// Buffers of a thread.
@@ -66,12 +80,12 @@ impl<S: Sample> DecodedSlice<S> {
     /// Processes the band `band`: writes its rows to the scratch file, and updates the running argmax.
     pub(super) fn process<const C: usize>(
         &self,
-        pass: &Pass<'_, S>,
+        context: &BandContext<'_>,
         band: usize,
         buffers: &mut Buffers<S>,
     ) -> Result<(), Interrupted> {
-        let Pass { run, meter, scratch, sharpest, focus, .. } = pass;
-        let (plan, slice, covered) = (run.plan, self.index, self.warp.coverage());
+        let BandContext { plan, meter, scratch, sharpest, focus } = context;
+        let (slice, covered) = (self.index, self.warp.coverage());
         let rows = band * ROWS..((band + 1) * ROWS).min(plan.height);
         let warped = self.warp.rows::<S, C>(&self.samples);
         let Buffers { row, blocks, focus: of_focus } = buffers;

@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use rayon::Scope;
 
-use super::run::{Run, locked};
+use super::{in_flight::slices_in_flight, lock::locked, run::Run};
 use crate::{
     imaging::{Coverage, Plane, Rect, Sample},
     quality::slice::{Fingerprint, RowMeasurements, SliceMeasurements, SliceMeter, WarpedSlice},
@@ -27,21 +27,12 @@ use crate::{
 };
 use cell_energies::CellEnergies;
 use coarse_focus::CoarseFocus;
-use decoded_slice::{Buffers, DecodedSlice};
+use decoded_slice::{BandContext, Buffers, DecodedSlice};
 use focus_code::FocusCode;
 use focus_measure::FocusMeasure;
 use schedule::{Schedule, Step};
 pub(super) use scratch::{BLOCK as SCRATCH_BLOCK, ScratchFile};
 use sharpest::Sharpest;
-
-/// Most slices that are decoded or in memory at a time: each costs memory.
-const MAX_IN_FLIGHT: usize = 4;
-
-/// Number of slices that are decoded or in memory at a time: half of the threads decode, because that takes less than
-/// half of the time of a slice, and the other half processes one more slice.
-pub(super) fn slices_in_flight(threads: usize, slices: usize) -> usize {
-    (threads / 2 + 1).min(MAX_IN_FLIGHT).min(slices).max(1)
-}
 
 /// What the first pass hands to the second.
 pub(super) struct Aligned {
@@ -83,14 +74,17 @@ pub(super) fn align<S: Sample, const C: usize>(
     let (mut index, mut largest) = (Plane::filled(width, height, 0), Plane::filled(width, height, FocusCode::NONE));
     let pass = Pass::<S> {
         run,
-        meter,
-        scratch: ScratchFile::create(run.scratch_dir, width, height, C)?,
-        sharpest: Sharpest::new(&mut index, &mut largest, plan.reference),
         cells: match focus {
             FocusMeasure::Saliency(_) => None,
             FocusMeasure::Energy(..) => Some(CellEnergies::create(run.scratch_dir, width, height)?),
         },
-        focus,
+        bands: BandContext {
+            plan,
+            meter,
+            scratch: ScratchFile::create(run.scratch_dir, width, height, C)?,
+            sharpest: Sharpest::new(&mut index, &mut largest, plan.reference),
+            focus,
+        },
         schedule: Schedule::new(slices, in_flight),
         buffers: Mutex::new(Vec::new()),
         done: Mutex::new(0),
@@ -98,7 +92,7 @@ pub(super) fn align<S: Sample, const C: usize>(
     };
     rayon::scope(|scope| pass.call_threads::<C>(scope, in_flight));
     run.slices.free_memory();
-    let Pass { scratch, focus, cells, schedule, results, .. } = pass;
+    let Pass { bands: BandContext { scratch, focus, .. }, cells, schedule, results, .. } = pass;
     schedule.finish()?;
     let (coverages, measurements): (Vec<_>, Vec<_>) = results.into_iter().filter_map(OnceLock::into_inner).unzip();
     let measurements = measurements.into_iter().flatten().collect();
@@ -112,10 +106,7 @@ pub(super) fn align<S: Sample, const C: usize>(
 /// What all threads share.
 struct Pass<'a, S> {
     run: &'a Run<'a>,
-    meter: Option<&'a SliceMeter<'a>>,
-    scratch: ScratchFile,
-    sharpest: Sharpest<'a>,
-    focus: FocusMeasure,
+    bands: BandContext<'a>,
     /// Only with [`FocusMeasure::Energy`].
     cells: Option<CellEnergies>,
     schedule: Schedule<DecodedSlice<S>>,
@@ -158,15 +149,15 @@ impl<S: Sample> Pass<'_, S> {
         let (plan, control) = (self.run.plan, self.run.control);
         control.check()?;
         let samples = self.run.slices.load::<S, C>(slice)?;
-        let fingerprint = self.meter.map(|_| Fingerprint::of(&samples, C, plan.width, plan.height));
-        Ok(DecodedSlice::new(slice, samples, plan.warp(slice)?, self.focus.reach(), fingerprint))
+        let fingerprint = self.bands.meter.map(|_| Fingerprint::of(&samples, C, plan.width, plan.height));
+        Ok(DecodedSlice::new(slice, samples, plan.warp(slice)?, self.bands.focus.reach(), fingerprint))
     }
 
     /// Processes a band of `slice`, and finishes the slice with its last one.
     fn band<const C: usize>(&self, slice: Arc<DecodedSlice<S>>, band: usize) -> Result<(), Interrupted> {
         self.run.control.check()?;
         let mut buffers = locked(&self.buffers).pop().unwrap_or_default();
-        slice.process::<C>(self, band, &mut buffers)?;
+        slice.process::<C>(&self.bands, band, &mut buffers)?;
         locked(&self.buffers).push(buffers);
         match Arc::into_inner(slice) {
             // a band that failed on another thread is missing: its error ends the fusion
@@ -187,18 +178,18 @@ impl<S: Sample> Pass<'_, S> {
         if let Some(energies) = &self.cells {
             energies.write(index, &cells)?;
         }
-        self.focus.enter_cells(index, cells);
+        self.bands.focus.enter_cells(index, cells);
 
         let coverage = warp.coverage().clone();
         let read = |rect: Rect| {
             let mut samples = Vec::new();
-            self.scratch.read::<S>(index, rect, &mut samples, &mut Vec::new()).map(|()| samples)
+            self.bands.scratch.read::<S>(index, rect, &mut samples, &mut Vec::new()).map(|()| samples)
         };
         let warped = WarpedSlice { samples: &read, channels: C, coverage: &coverage, gain: plan.slices[index].gain };
         let measure = |(meter, fingerprint): (&SliceMeter<'_>, Fingerprint)| {
             meter.measure(index, &warped, RowMeasurements::join(rows), fingerprint)
         };
-        let measurements = self.meter.zip(fingerprint).map(measure).transpose()?;
+        let measurements = self.bands.meter.zip(fingerprint).map(measure).transpose()?;
         self.results[index]
             .set((coverage, measurements))
             .map_err(|_| Error::new(ErrorKind::Internal, "a slice was processed twice"))?;

@@ -12,7 +12,7 @@ use std::{
 };
 
 use crate::{
-    fusion::run::{locked, unlocked},
+    fusion::lock::{locked, unlocked},
     types::Interrupted,
 };
 

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::focus_code::FocusCode;
 use crate::{
-    fusion::{plan::UNCOVERED, run::locked},
+    fusion::{lock::locked, plan::UNCOVERED},
     imaging::{
         Coverage, Plane,
         simd::{self, Avx2},

@@ -9,7 +9,7 @@
 //! and the decision map. The steps, in order of execution:
 //!
 //! 1. [`warped_slices`] reads rectangles of the slices back from the scratch file.
-//! 2. [`defocus_model`] measures the blur radius per step of focus, and finds which end of the stack is near.
+//! 2. [`defocus_measurement`] measures the blur radius per step of focus, and finds which end of the stack is near.
 //! 3. [`decision_map`] decides from which slice each pixel is taken.
 //! 4. [`mosaic`] composes the pixels of a tile by that map, averaging slices that show the same.
 //! 5. [`correction`] removes the blur of near parts from far pixels of the tile.
@@ -20,6 +20,7 @@
 mod confidence;
 mod correction;
 mod decision_map;
+mod defocus_measurement;
 mod defocus_model;
 mod depth_order;
 mod mosaic;
@@ -39,7 +40,7 @@ use crate::{
         filter::focus::{FocusEnergy, Rows},
         simd::{self, Avx2},
     },
-    types::Interrupted,
+    types::{Error, ErrorKind, Interrupted},
 };
 use confidence::ImagePair;
 use decision_map::{DecisionMap, MeasuredFocus, TEXTURED};
@@ -50,17 +51,16 @@ use warped_slices::WarpedSlices;
 ///
 /// Without a measured blur, only textureless pixels and outliers of the decision map are refined, and nothing can be
 /// corrected: then the pyramid image is returned.
-pub(super) fn fuse<S: Sample, const C: usize>(
-    run: &Run<'_>,
-    aligned: &mut Aligned,
-    MeasuredEnergy { largest: energy, coarse, cells }: MeasuredEnergy,
-) -> Result<Blended<S>, Interrupted> {
+pub(super) fn fuse<S: Sample, const C: usize>(run: &Run<'_>, aligned: &mut Aligned) -> Result<Blended<S>, Interrupted> {
     run.control.check()?;
+    let no_energy = || Error::new(ErrorKind::Internal, "the first pass has not measured the focus energy");
+    let MeasuredEnergy { largest: energy, coarse, cells } = aligned.energy.take().ok_or_else(no_energy)?;
     let plan = run.plan;
     let slices = WarpedSlices::<S, C>::new(aligned, run.control);
     let coarse = coarse.finish(plan.reference);
     let textured = energy.par_map(|energy| energy.value() > TEXTURED * coarse.noise);
-    let model = DefocusModel::measure(&slices, &aligned.index, &textured, plan.rail_mm().as_deref(), plan.near_first)?;
+    let model =
+        defocus_measurement::measure(&slices, &aligned.index, &textured, plan.rail_mm().as_deref(), plan.near_first)?;
     let what = (run, shown::MARGIN + reach() + correction::REACH);
     let focus = MeasuredFocus { sharpest: &aligned.index, energy: &energy, coarse: &coarse, cells: &cells };
     let mut map = decision_map::refine(what, &slices, focus, textured, &model)?;
@@ -81,7 +81,7 @@ pub(super) fn fuse<S: Sample, const C: usize>(
     let tile = |rows: &mut Rows, rect: Rect, out: &mut Vec<S>| fusion.tile(rect, out, rows);
     let mut blended = in_tiles::<S, C, _>(what, "correcting halos", Rows::default, tile)?;
     blended.clamped = blended.clamped.max(pyramid.clamped);
-    blended.contradicts_profile = model.contradicts_profile();
+    blended.contradicts_profile = model.contradicts_profile;
     Ok(blended)
 }
 

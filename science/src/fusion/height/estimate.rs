@@ -3,18 +3,18 @@
 use rayon::prelude::*;
 
 use super::{
-    Estimates,
+    coarse_statistics::CoarseStatistics,
     curve::{Window, maximum},
-    survey::Survey,
+    energy::{Buffers, energy},
+    estimates::Estimates,
 };
 use crate::{
     fusion::{align::Aligned, plan::UNCOVERED, run::Run},
     imaging::{
         Coverage, Plane, Rect, Sample,
         filter::focus::{FocusEnergy, Rows},
-        grey,
     },
-    types::{Error, Interrupted},
+    types::Interrupted,
 };
 
 /// Largest side of a tile, px. A tile keeps the energies of the slices around the decided one: at most 21 floats per
@@ -24,41 +24,18 @@ const TILE: usize = 128;
 /// Least standard deviation of an estimate, steps: texture within the window of the measure shifts the maximum.
 const LEAST_SIGMA: f64 = 0.05;
 
-/// Buffers for samples that are read back.
-pub(super) type Buffers<S> = (Vec<S>, Vec<u8>);
-
-/// The focus energy of `rect` in a warped slice: `emit(row, energies)` receives the rows from 0 on.
-pub(super) fn energy<S: Sample, const C: usize>(
-    aligned: &Aligned,
-    slice: usize,
-    rect: Rect,
-    measure: &FocusEnergy,
-    rows: &mut Rows,
-    (samples, bytes): &mut Buffers<S>,
-    mut emit: impl FnMut(usize, &[f32]),
-) -> Result<(), Error> {
-    let window = rect.grown(measure.reach(), aligned.index.width, aligned.index.height);
-    aligned.scratch.read(slice, window, samples, bytes)?;
-    let (left, top) = (rect.x - window.x, rect.y - window.y);
-    let luma = |y: usize, out: &mut [f32]| grey::luma_row(&samples[y * window.width * C..][..window.width * C], C, out);
-    measure.rows((window.width, window.height), top..top + rect.height, rows, luma, |y, energies| {
-        emit(y - top, &energies[left..left + rect.width]);
-    });
-    Ok(())
-}
-
 /// Fits the focus curve of every pixel around the slice of `aligned.index`.
 pub(super) fn estimate<S: Sample, const C: usize>(
     run: &Run<'_>,
     aligned: &Aligned,
     positions: &[f64],
-    survey: &Survey,
+    statistics: &CoarseStatistics,
 ) -> Result<Estimates, Interrupted> {
     let (width, height) = (run.plan.width, run.plan.height);
     let side = run.tile.min(TILE);
     let measure = FocusEnergy::for_decision_map();
     let supported: Vec<Coverage> = aligned.coverages.iter().map(|c| c.eroded(measure.reach())).collect();
-    let tiles = Tiles { aligned, positions, survey, measure, supported };
+    let tiles = Tiles { aligned, positions, statistics, measure, supported };
     let mut position = Plane::filled(width, height, 0.0f32);
     let mut confidence = Plane::filled(width, height, 0.0f32);
     let bands =
@@ -81,7 +58,7 @@ pub(super) fn estimate<S: Sample, const C: usize>(
 struct Tiles<'a> {
     aligned: &'a Aligned,
     positions: &'a [f64],
-    survey: &'a Survey,
+    statistics: &'a CoarseStatistics,
     measure: FocusEnergy,
     /// Per slice: where it covers the window of the measure.
     supported: Vec<Coverage>,
@@ -95,7 +72,7 @@ impl Tiles<'_> {
         (rows, buffers, energies): &mut (Rows, Buffers<S>, Vec<f32>),
         mut put: impl FnMut(usize, usize, (f32, f32)),
     ) -> Result<(), Interrupted> {
-        let (count, reach) = (self.positions.len(), self.survey.reach);
+        let (count, reach) = (self.positions.len(), self.statistics.reach);
         let length = 2 * reach + 1;
         let index = |row: usize| &self.aligned.index.row(rect.y + row)[rect.x..rect.x + rect.width];
         let mut wanted = vec![false; count];
@@ -116,10 +93,7 @@ impl Tiles<'_> {
                 continue;
             }
             energy::<S, C>(self.aligned, slice, rect, &self.measure, rows, buffers, |row, values| {
-                let span = self.supported[slice].span(rect.y + row);
-                let span = span.start.max(rect.x)..span.end.min(rect.x + rect.width);
-                for x in span.start..span.end.max(span.start) {
-                    let column = x - rect.x;
+                for column in self.supported[slice].span_in(rect.y + row, rect) {
                     let place = (slice + reach).wrapping_sub(usize::from(index(row)[column]));
                     if place < length {
                         energies[(row * rect.width + column) * length + place] = values[column];
@@ -127,7 +101,7 @@ impl Tiles<'_> {
                 }
             })?;
         }
-        let noise = f64::from(self.survey.noise);
+        let noise = f64::from(self.statistics.noise);
         for row in 0..rect.height {
             for (column, &slice) in index(row).iter().enumerate().filter(|(_, slice)| **slice != UNCOVERED) {
                 let slice = usize::from(slice);

@@ -22,6 +22,22 @@ const MAX_SIGMA: f32 = 1.0;
 /// A height map. The height of a value `v` above 0 is `offset + (v - 1) scale`, and its standard deviation is
 /// `s scale`, where `s` is the value of the same pixel in [`HeightMap::sigmas`]. 0 means that the height is unknown.
 /// The height of the plane in focus in the reference slice is 0.
+///
+/// ```
+/// # use std::sync::Arc;
+/// # use pinstack_science::fusion::{self, FusionRequest, Plan, SlicePlan, height::axis::HeightAxis};
+/// # use pinstack_science::{synth::{Light, Rendered, Rig, Scene, Stage}, types::NoControl};
+/// let rig = Rig::sized(120, 80, 7);
+/// let slices = Rendered::scene(Arc::new(Stage::new(&rig, &Scene::insect(4))), Light::Front);
+/// let slice = |i| SlicePlan { homography: rig.homography(i), gain: rig.gain(i), rail_mm: None };
+/// let axis = HeightAxis::steps(7, rig.reference, None);
+/// let plan = Plan { slices: (0..7).map(slice).collect(), height_map: Some(axis), ..Plan::aligned(120, 80, 7) };
+/// let fused = fusion::fuse(&slices, &plan, &FusionRequest::default(), &std::env::temp_dir(), &NoControl)?;
+/// let map = fused.height_map.expect("the plan asks for it");
+/// let (height, sigma) = (0..120 * 80).find_map(|at| map.at(at % 120, at / 120)).expect("a pixel with a height");
+/// assert!((-4.0..=4.0).contains(&height) && sigma <= 1.1, "{height} +- {sigma} steps");
+/// # Ok::<(), pinstack_science::types::Interrupted>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeightMap {
     /// Heights.

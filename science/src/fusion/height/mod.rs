@@ -3,7 +3,7 @@
 //! In: the warped slices of the first pass and the index of the second. Out: a [`HeightMap`]. The steps, in order of
 //! execution:
 //!
-//! 1. [`survey`] samples the stack: focus energy of noise, and how many slices a focus curve is wide.
+//! 1. [`coarse_statistics`] samples the stack: focus energy of noise, and how many slices a focus curve is wide.
 //! 2. [`estimate`] fits the focus curve of each pixel ([`curve`]) around the slice of the index, tile by tile.
 //! 3. [`regularise`] averages estimates of the same surface, weighted by their confidence, and fills gaps from
 //!    reliable neighbours.
@@ -13,12 +13,14 @@
 //! linear in both.
 
 pub mod axis;
+mod coarse_statistics;
 mod curve;
+mod energy;
 mod estimate;
+mod estimates;
 mod map;
 mod regularise;
 pub mod relief;
-mod survey;
 
 #[cfg(test)]
 mod tests;
@@ -26,22 +28,11 @@ mod tests;
 pub use map::{HeightMap, INVALID};
 
 use super::{align::Aligned, plan::Plan, run::Run};
-use crate::{
-    imaging::{Plane, Sample},
-    types::Interrupted,
-};
+use crate::{imaging::Sample, types::Interrupted};
 
 /// Bytes per pixel of the canvas that [`measure`] holds: two planes of floats, the map, and the best estimate of each
 /// cell of 4 x 4 px.
 pub(super) const BYTES_PER_PIXEL: u64 = 4 + 4 + 4 + 1;
-
-/// Estimates of the height, of pixels or cells.
-struct Estimates {
-    /// Position in steps.
-    position: Plane<f32>,
-    /// Confidence: 1 / variance of the position, per squared step; 0 where nothing is known.
-    confidence: Plane<f32>,
-}
 
 /// Measures the height map of an aligned stack; `None` if the plan does not ask for it.
 ///
@@ -52,8 +43,8 @@ pub(super) fn measure<S: Sample, const C: usize>(
 ) -> Result<Option<HeightMap>, Interrupted> {
     let Some(axis) = &run.plan.height_map else { return Ok(None) };
     let positions = positions(run.plan);
-    let survey = survey::survey::<S, C>(run, aligned)?;
-    let raw = estimate::estimate::<S, C>(run, aligned, &positions, &survey)?;
+    let statistics = coarse_statistics::measure::<S, C>(run, aligned)?;
+    let raw = estimate::estimate::<S, C>(run, aligned, &positions, &statistics)?;
     let refined = run.plan.method.refines_the_index();
     let regular = regularise::Regularisation::new(&raw, &aligned.index, refined, &positions);
     Ok(Some(map::HeightMap::of(run, axis, &positions, &regular)?))

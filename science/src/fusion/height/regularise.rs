@@ -19,7 +19,7 @@
 
 use rayon::prelude::*;
 
-use super::Estimates;
+use super::estimates::Estimates;
 use crate::{fusion::plan::UNCOVERED, imaging::Plane};
 
 /// Radius of the window, px, and standard deviation of its Gaussian.
@@ -98,9 +98,21 @@ impl<'a> Regularisation<'a> {
         if slice == UNCOVERED { None } else { self.positions.get(usize::from(slice)).map(|&position| position as f32) }
     }
 
-    /// The position that the window of (x, y) is compared with.
+    /// The position that the window of (x, y) is compared with: the pixel's own estimate, the median around it, or that
+    /// of the decision map, which is right where a step between surfaces is.
     fn reference(&self, x: usize, y: usize) -> Option<f32> {
+        let decided = self.decided(x, y);
+        let Some(median) = self.median_around(x, y) else { return decided };
         let (own, confidence) = (self.raw.position.at(x, y), self.raw.confidence.at(x, y));
+        let is_confirmed = confidence >= 1.0 / (RELIABLE * RELIABLE) && (own - median).abs() < 0.5 * SAME_SURFACE;
+        let measured = if is_confirmed { own } else { median };
+        let on_another_surface = |decided: &f32| self.refined && (measured - decided).abs() >= SAME_SURFACE;
+        decided.filter(on_another_surface).or(Some(measured))
+    }
+
+    /// The median of 9 estimates, weighted by their confidence: that of the pixel, which counts twice, and those 2 px
+    /// away from it. `None` where nothing is known.
+    fn median_around(&self, x: usize, y: usize) -> Option<f32> {
         let mut around = [(0.0f32, 0.0f32); 9];
         let mut total = 0.0;
         for (i, slot) in around.iter_mut().enumerate() {
@@ -111,7 +123,7 @@ impl<'a> Regularisation<'a> {
             total += weight;
         }
         if total <= 0.0 {
-            return self.decided(x, y);
+            return None;
         }
         around.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         let mut below = 0.0;
@@ -119,11 +131,7 @@ impl<'a> Regularisation<'a> {
             below += weight;
             below >= 0.5 * total
         });
-        let median = median.map_or(own, |found| found.0);
-        let confirmed = confidence >= 1.0 / (RELIABLE * RELIABLE) && (own - median).abs() < 0.5 * SAME_SURFACE;
-        let reference = if confirmed { own } else { median };
-        let on_another_surface = |decided: f32| self.refined && (reference - decided).abs() >= SAME_SURFACE;
-        self.decided(x, y).filter(|&decided| on_another_surface(decided)).or(Some(reference))
+        Some(median.map_or(self.raw.position.at(x, y), |found| found.0))
     }
 
     /// The mean over the window of (x, y); `None` where nothing is known.

@@ -55,7 +55,7 @@ fn errors(case: &Rendered, fused: &Fused, map: &HeightMap) -> [f64; 2] {
 fn it_is_nearer_to_the_truth_than_the_index_with_every_method() {
     let case = beetle();
     let object = case.truth.mask.clone();
-    for method in [Method::Guided, Method::Pyramid, Method::HaloCorrected] {
+    for method in Method::ALL {
         let plan = in_steps(case.plan.clone(), method);
         let fused = fused(&case.slices, &plan, Some(&object), 512);
         let map = fused.height_map.as_ref().unwrap();

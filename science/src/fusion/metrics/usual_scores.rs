@@ -48,7 +48,7 @@ fn table_of_usual_scores() {
         for (seed, softness_px, noise) in [(1, 0.0, 1.0), (2, 0.0, 1.0), (1, 0.7, 1.0), (2, 0.7, 1.0), (1, 0.7, 0.0)] {
             let rig = Rig { seed, softness_px, noise, ..Rig::sized(600, 400, 13) };
             let stage = Stage::new(&rig, &make(seed));
-            for method in [Method::HaloCorrected, Method::Guided, Method::Pyramid] {
+            for method in Method::ALL {
                 let [fused, truth] = scores(&rig, &stage, method).map(|m| {
                     [m.q_g_top, m.q_w_top, m.sharpness_retention]
                         .map(|v| format!("{:>7.3}", v.unwrap_or(f64::NAN)))

@@ -104,11 +104,7 @@ impl<S: Sample> FinestLevel<S> {
         line.fill(S::Sum::default());
         let mut last = None;
         for y in rect.y..rect.y + rect.height {
-            let spans = rows_around(y, source).map(|y| {
-                let span = y.map_or(0..0, |y| coverage.span(y));
-                let (start, end) = (span.start.max(source.x), span.end.min(source.x + source.width));
-                if start < end { start - source.x..end - source.x } else { 0..0 }
-            });
+            let spans = rows_around(y, source).map(|y| y.map_or(0..0, |y| coverage.span_in(y, source)));
             if last.as_ref() == Some(&spans) {
                 let above = (y - 1 - rect.y) * rect.width;
                 out.data.copy_within(above..above + rect.width, above + rect.width);
@@ -201,13 +197,8 @@ impl<S: Sample> SampleRange<S> {
         {
             let rect = smallest.rect;
             for y in rect.y..rect.y + rect.height {
-                let span = coverage.span(y);
-                let (start, end) = (span.start.max(rect.x), span.end.min(rect.x + rect.width));
-                if start >= end {
-                    continue;
-                }
-                let from = samples.part(start, y, end - start);
-                let part = start - rect.x..end - rect.x;
+                let part = coverage.span_in(y, rect);
+                let from = samples.part(rect.x + part.start, y, part.len());
                 let (smallest, largest) = (&mut smallest.row_mut(y)[part.clone()], &mut largest.row_mut(y)[part]);
                 simd::run(
                     Avx2::detect(),

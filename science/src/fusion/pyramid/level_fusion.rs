@@ -50,16 +50,31 @@ pub(super) struct LevelGeometry<'a> {
     pub down: &'a [f32],
 }
 
+/// Detail of a slice that is added to a part of a level.
+struct Detail<'a, S: Sample> {
+    simd: Option<Avx2>,
+    source: &'a SliceLevel<'a, S>,
+    /// The values of the next coarser level of the slice.
+    coarse: &'a Level,
+    geometry: LevelGeometry<'a>,
+    part: Rect,
+    /// The pixels that the energies of the part depend on.
+    around: Rect,
+}
+
 /// Adds levels of slices to fused levels; holds the buffers of rows.
+///
+/// Row `y` is in slot `(y + ENERGY_REACH) % RING` of each ring.
 #[derive(Default)]
 pub(super) struct LevelFuser {
     filters: Filters,
     /// Per channel: a row of the coarser level, expanded.
     expanded: [Vec<f32>; 3],
+    /// The energies of a row: of the part, and of [`ENERGY_REACH`] px on each side of it; 0 beyond the canvas.
     energy: Vec<f32>,
-    /// Per channel: the details of the last rows.
+    /// Per channel: a ring with the details of the last rows.
     details: [Vec<f32>; 3],
-    /// The energies of the last rows, smoothed along x.
+    /// A ring with the energies of the last rows, smoothed along x.
     smoothed: Vec<f32>,
     total: Vec<f32>,
     covered: Vec<f32>,
@@ -77,115 +92,111 @@ impl LevelFuser {
         part: Rect,
         sums: &mut Level,
     ) {
-        let rect = part.grown(ENERGY_REACH, geometry.size.0, geometry.size.1);
-        let columns = rect.x..rect.x + rect.width;
-        let Self { filters, expanded, energy, details, smoothed, total, covered } = self;
-        // the buffer begins `ENERGY_REACH` px before the part; beyond the canvas the energy is 0
-        energy.clear();
-        energy.resize(part.width + 2 * ENERGY_REACH, 0.0);
-        let inner = rect.x + ENERGY_REACH - part.x..rect.x + ENERGY_REACH - part.x + rect.width;
-        details[..C].iter_mut().for_each(|ring| ring.resize(RING * rect.width, 0.0));
-        smoothed.resize(RING * part.width, 0.0);
-        total.resize(part.width, 0.0);
-        covered.resize(part.width, 0.0);
-        let own = part.x - rect.x..part.x - rect.x + part.width;
+        let around = part.grown(ENERGY_REACH, geometry.size.0, geometry.size.1);
+        let detail = Detail { simd, source, coarse, geometry, part, around };
+        self.energy.clear();
+        self.energy.resize(part.width + 2 * ENERGY_REACH, 0.0);
+        self.details[..C].iter_mut().for_each(|ring| ring.resize(RING * around.width, 0.0));
+        self.smoothed.resize(RING * part.width, 0.0);
+        self.total.resize(part.width, 0.0);
+        self.covered.resize(part.width, 0.0);
         let before = ENERGY_REACH as isize;
         for at in part.y as isize - before..(part.y + part.height) as isize + before {
-            let slot = (at + before) as usize % RING;
-            let ring = slot * part.width..(slot + 1) * part.width;
-            match usize::try_from(at).ok().filter(|y| (rect.y..rect.y + rect.height).contains(y)) {
-                None => smoothed[ring].fill(0.0),
-                Some(y) => {
-                    for (c, expanded) in expanded.iter_mut().enumerate().take(C) {
-                        filters.expand(simd, &coarse[c], geometry.coarser, (y, &columns), expanded);
-                    }
-                    let detail = details.each_mut().map(|ring| {
-                        let length = if ring.is_empty() { 0 } else { rect.width };
-                        &mut ring[slot * length..(slot + 1) * length]
-                    });
-                    // an expanded row begins at an even column
-                    let coarse = expanded.each_ref().map(|row| row.get(rect.x % 2..).unwrap_or_default());
-                    let own_energy = &mut energy[inner.clone()];
-                    match source {
-                        SliceLevel::Finest(samples, coverage) => {
-                            let span = coverage.span(y);
-                            let (start, end) =
-                                (span.start.clamp(rect.x, columns.end), span.end.clamp(rect.x, columns.end));
-                            let covered = start - rect.x..end.max(start) - rect.x;
-                            let samples = samples.planes.each_ref().map(|plane| match plane.data.is_empty() {
-                                true => &[][..],
-                                false => plane.part(rect.x, y, rect.width),
-                            });
-                            simd::run(
-                                simd,
-                                #[inline(always)]
-                                || of_samples::<S, C>(samples, coarse, covered, detail, own_energy),
-                            );
-                        }
-                        SliceLevel::Coarser(level) => {
-                            own_energy.fill(0.0);
-                            let weights = level[WEIGHT].part(rect.x, y, rect.width);
-                            for (c, detail) in detail.into_iter().enumerate().take(C) {
-                                let values = level[c].part(rect.x, y, rect.width);
-                                simd::run(
-                                    simd,
-                                    #[inline(always)]
-                                    || of_level(values, weights, &coarse[c][..rect.width], LUMA[c], detail, own_energy),
-                                );
-                            }
-                        }
-                    }
-                    let (energy, smoothed) = (&energy[..], &mut smoothed[ring]);
+            match usize::try_from(at).ok().filter(|y| (around.y..around.y + around.height).contains(y)) {
+                Some(y) => self.measure_row::<S, C>(&detail, y),
+                None => slot_mut(&mut self.smoothed, (at + before) as usize, part.width).fill(0.0),
+            }
+            if let Some(y) = usize::try_from(at - before).ok().filter(|&y| y >= part.y) {
+                self.add_row::<S, C>(&detail, y, sums);
+            }
+        }
+    }
+
+    /// Puts row `y` into the rings: its detail, and the energy of that.
+    fn measure_row<S: Sample, const C: usize>(&mut self, detail: &Detail<'_, S>, y: usize) {
+        let &Detail { simd, source, coarse, geometry, part, around } = detail;
+        let Self { filters, expanded, energy, details, smoothed, .. } = self;
+        let columns = around.x..around.x + around.width;
+        for (c, expanded) in expanded.iter_mut().enumerate().take(C) {
+            filters.expand(simd, &coarse[c], geometry.coarser, (y, &columns), expanded);
+        }
+        // an expanded row begins at an even column
+        let coarse = expanded.each_ref().map(|row| row.get(around.x % 2..).unwrap_or_default());
+        let detail = details.each_mut().map(|ring| {
+            let width = if ring.is_empty() { 0 } else { around.width };
+            slot_mut(ring, y + ENERGY_REACH, width)
+        });
+        let own_energy = &mut energy[around.x + ENERGY_REACH - part.x..][..around.width];
+        match source {
+            SliceLevel::Finest(samples, coverage) => {
+                let covered = coverage.span_in(y, around);
+                let samples = samples.planes.each_ref().map(|plane| match plane.data.is_empty() {
+                    true => &[][..],
+                    false => plane.part(around.x, y, around.width),
+                });
+                simd::run(
+                    simd,
+                    #[inline(always)]
+                    || of_samples::<S, C>(samples, coarse, covered, detail, own_energy),
+                );
+            }
+            SliceLevel::Coarser(level) => {
+                own_energy.fill(0.0);
+                let weights = level[WEIGHT].part(around.x, y, around.width);
+                for (c, detail) in detail.into_iter().enumerate().take(C) {
+                    let values = level[c].part(around.x, y, around.width);
                     simd::run(
                         simd,
                         #[inline(always)]
-                        || weigh(smoothed, std::array::from_fn(|tap| &energy[tap..]), &ENERGY_KERNEL),
+                        || of_level(values, weights, &coarse[c][..around.width], LUMA[c], detail, own_energy),
                     );
                 }
             }
-            let Some(y) = usize::try_from(at - before).ok().filter(|&y| y >= part.y) else { continue };
-            match source {
-                SliceLevel::Finest(_, coverage) => {
-                    let span = coverage.span(y);
-                    let (left, right) = (part.x, part.x + part.width);
-                    let (start, end) = (span.start.clamp(left, right), span.end.clamp(left, right));
-                    covered.fill(0.0);
-                    covered[start - left..end.max(start) - left].fill(1.0);
-                }
-                SliceLevel::Coarser(level) => covered.copy_from_slice(level[WEIGHT].part(part.x, y, part.width)),
+        }
+        let (energy, smoothed) = (&energy[..], slot_mut(smoothed, y + ENERGY_REACH, part.width));
+        simd::run(
+            simd,
+            #[inline(always)]
+            || weigh(smoothed, std::array::from_fn(|tap| &energy[tap..]), &ENERGY_KERNEL),
+        );
+    }
+
+    /// Adds row `y`, when the rings have all rows that its energy depends on.
+    fn add_row<S: Sample, const C: usize>(&mut self, detail: &Detail<'_, S>, y: usize, sums: &mut Level) {
+        let &Detail { simd, source, geometry, part, around, .. } = detail;
+        let Self { details, smoothed, total, covered, .. } = self;
+        match source {
+            SliceLevel::Finest(_, coverage) => {
+                covered.fill(0.0);
+                covered[coverage.span_in(y, part)].fill(1.0);
             }
-            let rows = std::array::from_fn(|tap| {
-                let slot = (y + tap) % RING;
-                // row `y - ENERGY_REACH + tap` is in slot `(y + tap) % RING`
-                &smoothed[slot * part.width..(slot + 1) * part.width]
-            });
-            let (across, down) = (&geometry.across[part.x..part.x + part.width], geometry.down[y]);
-            let slot = (y + ENERGY_REACH) % RING * rect.width;
-            let [first, second, third, weights] = &mut *sums;
-            let weights = weights.part_mut(part.x, y, part.width);
-            let sums = [first, second, third];
+            SliceLevel::Coarser(level) => covered.copy_from_slice(level[WEIGHT].part(part.x, y, part.width)),
+        }
+        // from row `y - ENERGY_REACH` to row `y + ENERGY_REACH`
+        let rows = std::array::from_fn(|tap| slot(smoothed, y + tap, part.width));
+        let (across, down) = (&geometry.across[part.x..part.x + part.width], geometry.down[y]);
+        let [first, second, third, weights] = &mut *sums;
+        let weights = weights.part_mut(part.x, y, part.width);
+        simd::run(
+            simd,
+            #[inline(always)]
+            || {
+                weigh(total, rows, &ENERGY_KERNEL);
+                weights_of(total, covered, across, down, weights);
+            },
+        );
+        for (ring, sum) in details.iter().zip([first, second, third]).take(C) {
+            let detail = &slot(ring, y + ENERGY_REACH, around.width)[part.x - around.x..][..part.width];
+            let (sum, weights) = (sum.part_mut(part.x, y, part.width), &total[..]);
             simd::run(
                 simd,
                 #[inline(always)]
                 || {
-                    weigh(total, rows, &ENERGY_KERNEL);
-                    weights_of(total, covered, across, down, weights);
+                    for ((sum, detail), weight) in sum.iter_mut().zip(detail).zip(weights) {
+                        *sum += weight * detail;
+                    }
                 },
             );
-            for (c, sum) in sums.into_iter().enumerate().take(C) {
-                let (detail, sum) =
-                    (&details[c][slot..slot + rect.width][own.clone()], sum.part_mut(part.x, y, part.width));
-                let weights = &total[..];
-                simd::run(
-                    simd,
-                    #[inline(always)]
-                    || {
-                        for ((sum, detail), weight) in sum.iter_mut().zip(detail).zip(weights) {
-                            *sum += weight * detail;
-                        }
-                    },
-                );
-            }
         }
     }
 
@@ -214,6 +225,16 @@ impl LevelFuser {
             }
         }
     }
+}
+
+/// The row of a ring whose number is `number`, counted on from the first row; rows are `width` px long.
+fn slot(ring: &[f32], number: usize, width: usize) -> &[f32] {
+    &ring[number % RING * width..][..width]
+}
+
+/// The same, mutable.
+fn slot_mut(ring: &mut [f32], number: usize, width: usize) -> &mut [f32] {
+    &mut ring[number % RING * width..][..width]
 }
 
 /// The detail of a row of level 0, and its energy; both are 0 outside the columns `covered`.

@@ -204,12 +204,7 @@ impl<S: Sample> Pyramid<S> {
         let level = &mut self.levels[0];
         level.iter_mut().for_each(|plane| plane.reset(rect, 0.0));
         for y in rect.y..rect.y + rect.height {
-            let span = coverage.span(y);
-            let columns = span.start.max(rect.x)..span.end.min(rect.x + rect.width);
-            if columns.is_empty() {
-                continue;
-            }
-            let part = columns.start - rect.x..columns.end - rect.x;
+            let part = coverage.span_in(y, rect);
             for (plane, samples) in level.iter_mut().zip(&self.finest.planes).take(C) {
                 let values = plane.row_mut(y)[part.clone()].iter_mut();
                 values.zip(&samples.row(y)[part.clone()]).for_each(|(value, sample)| *value = sample.value() * scale);

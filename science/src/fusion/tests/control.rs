@@ -7,7 +7,7 @@ use std::sync::{
 
 use super::*;
 use crate::{
-    fusion::run::{locked, unlocked},
+    fusion::lock::{locked, unlocked},
     types::Cancelled,
 };
 
@@ -83,7 +83,7 @@ fn progress_increases_to_the_end_of_each_stage() {
 #[test]
 fn every_method_reports_its_stages_in_order() {
     let (slices, plan) = unaligned(120, 90, 4);
-    for method in [Method::Guided, Method::Pyramid, Method::HaloCorrected] {
+    for method in Method::ALL {
         let plan = Plan { method, near_first: Some(true), ..plan.clone() };
         let mut stages: Vec<&str> = progress_of(&slices, &plan).into_iter().map(|step| step.0).collect();
         stages.dedup();

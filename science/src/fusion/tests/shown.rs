@@ -10,8 +10,6 @@ use crate::{
     types::metrics::FusionMetrics,
 };
 
-const METHODS: [Method; 3] = [Method::HaloCorrected, Method::Guided, Method::Pyramid];
-
 /// A stack, and a plane in which a block, a line and a dot are shown. The right third is far from all of them.
 fn case() -> (Rendered, Plane<u8>) {
     let stack = rendered(&Rig { seed: 5, ..Rig::sized(900, 300, 7) }, &Scene::insect(5), Light::Front);
@@ -36,7 +34,7 @@ fn near(shown: &Plane<u8>, margin: usize) -> Plane<bool> {
 fn what_is_shown_and_its_surroundings_are_fused_as_in_the_whole_image() {
     let (stack, shown) = case();
     let near = near(&shown, MARGIN);
-    for method in METHODS {
+    for method in Method::ALL {
         let plan = Plan { method, ..stack.plan.clone() };
         let whole = fused(&stack.slices, &plan);
         let expected = values(&whole.image);
@@ -61,7 +59,7 @@ fn far_from_what_is_shown_are_the_pixels_of_the_reference_slice() {
     let (stack, shown) = case();
     let reference = values(&warped_slice(&&stack.slices[..], &stack.plan, stack.plan.reference).unwrap());
     let near = near(&shown, 64 + 2 * MARGIN);
-    for method in METHODS {
+    for method in Method::ALL {
         let plan = Plan { method, ..stack.plan.clone() };
         let request = FusionRequest { shown: Some(&shown), ..FusionRequest::default() };
         let found = values(&fused_as_asked(&stack.slices, &plan, &request, 64).image);
@@ -77,7 +75,7 @@ fn far_from_what_is_shown_are_the_pixels_of_the_reference_slice() {
 #[test]
 fn metrics_of_the_object_are_the_same_whatever_else_is_shown() {
     let (stack, object) = case();
-    for method in METHODS {
+    for method in Method::ALL {
         let plan = Plan { method, ..stack.plan.clone() };
         let of = |shown| {
             let request = FusionRequest { metrics: true, object: Some(&object), shown };
@@ -102,7 +100,7 @@ fn if_nothing_is_shown_nothing_is_fused() {
     let (stack, _) = case();
     let reference = warped_slice(&&stack.slices[..], &stack.plan, stack.plan.reference).unwrap();
     let nothing = Plane::filled(900, 300, 0);
-    for method in METHODS {
+    for method in Method::ALL {
         let plan = Plan { method, ..stack.plan.clone() };
         let request = FusionRequest { metrics: true, object: Some(&nothing), shown: Some(&nothing) };
         assert_eq!(fused_as_asked(&stack.slices, &plan, &request, 64).image, reference, "{method:?}");

@@ -1,8 +1,8 @@
 //! One window of a slice compared with a slice after it.
 
 use super::{
-    ReadWindow, Shift,
     phase_correlation::{Correlator, Strictness},
+    shift::{ReadWindow, Shift},
 };
 use crate::imaging::{Plane, Rect};
 

@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use super::ReadWindow;
+use super::shift::ReadWindow;
 use crate::imaging::{Plane, Rect};
 
 /// A slice is near the focus of a window if it has at least this share of the fine texture of the sharpest slice.

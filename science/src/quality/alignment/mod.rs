@@ -15,6 +15,7 @@ mod comparison;
 mod in_focus_pairs;
 mod phase_correlation;
 mod reversal;
+mod shift;
 mod similarity;
 mod unfocused_pairs;
 
@@ -30,23 +31,17 @@ use crate::{
 };
 use comparison::Comparison;
 use phase_correlation::STRICT;
+pub use shift::ReadWindow;
+use shift::{LEAST_SHIFTS, LEAST_SIDE, Shift};
 use similarity::Similarity;
 use unfocused_pairs::UnfocusedPairs;
-
-/// Reads a rectangle of warped slice `n`: its luma (0..255) and validity (255 valid, 0 not); none if it cannot be read.
-pub type ReadWindow<'a> = dyn Fn(usize, Rect) -> Option<(Plane<f32>, Plane<u8>)> + Sync + 'a;
 
 /// Windows in each direction.
 const GRID: usize = 5;
 /// Side of a window by the shorter side of the canvas, px: residual shifts are larger on a large canvas.
 const SIDES: [(usize, usize); 2] = [(2000, 256), (0, 128)];
-/// Least side of a window, px.
-const LEAST_SIDE: usize = 32;
 /// Least share of object pixels in a window, with a mask.
 const LEAST_OBJECT: f64 = 0.1;
-/// Least number of shifts for a statistic.
-const LEAST_SHIFTS: usize = 3;
-
 /// Result of [`measure`].
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Alignment {
@@ -80,22 +75,6 @@ impl OwnShift {
     /// Length of the shift, px.
     pub(super) fn length(&self) -> f64 {
         self.shift.0.hypot(self.shift.1)
-    }
-}
-
-/// The shift of the content of one window from a slice to the next, px.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Shift {
-    /// Centre of the window on the canvas.
-    x: f64,
-    y: f64,
-    dx: f64,
-    dy: f64,
-}
-
-impl Shift {
-    fn length(&self) -> f64 {
-        self.dx.hypot(self.dy)
     }
 }
 

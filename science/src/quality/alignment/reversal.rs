@@ -1,7 +1,7 @@
 //! Reversal: whether the slices run in the opposite direction to the profile.
 
-use super::ResidualSimilarity;
 use crate::types::Homography;
+use crate::types::metrics::ResidualSimilarity;
 
 /// A reversed stack must leave a corner drift of at least this to be distinguishable from an exact profile, px ...
 const LEAST_PX: f64 = 2.0;

@@ -7,7 +7,7 @@
 //! in focus has as many windows as several others. So the fit starts from the median over all pairs, which needs those
 //! without windows in focus too, and in the standard deviation a pair counts once, however many windows it has.
 
-use super::{LEAST_SHIFTS, Shift};
+use super::shift::{LEAST_SHIFTS, Shift};
 use crate::imaging::statistics;
 
 /// Least number of shifts for a fit.

@@ -8,9 +8,9 @@
 //! resolution tells roughly where the image went, and the windows of the second slice are read from there.
 
 use super::{
-    LEAST_SHIFTS, LEAST_SIDE, ReadWindow, Shift,
     comparison::Comparison,
     phase_correlation::{GUESS, STRICT},
+    shift::{LEAST_SHIFTS, LEAST_SIDE, ReadWindow, Shift},
 };
 use crate::imaging::Rect;
 

@@ -14,7 +14,7 @@ mod geometry;
 mod image;
 mod order;
 
-use super::{StackQuality, alignment::OwnShift};
+use super::{alignment::OwnShift, stack_quality::StackQuality};
 use crate::types::metrics::{Finding, Severity};
 
 /// What the findings rest on besides the published metrics.

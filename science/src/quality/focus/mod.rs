@@ -11,7 +11,7 @@ mod noise_floor;
 mod range;
 mod unfocused_area;
 
-use super::{DecisionMap, focus_order::FocusCurves, sampling::Points, slice::SliceMeasurements};
+use super::{focus_order::FocusCurves, sampling::Points, slice::SliceMeasurements};
 use crate::{
     imaging::{Plane, statistics},
     types::metrics::FocusMetrics,
@@ -40,6 +40,17 @@ const LEAST_FOR_USUAL: usize = 4;
 const LEAST_FOR_GAP: usize = 30;
 /// Only texture this many times above the noise floor shows how deep the valley between two slices is.
 const STRONG: f32 = 2.0;
+
+/// Decision map of a fusion: the slice that each pixel is taken from.
+#[derive(Debug, Clone, Copy)]
+pub struct DecisionMap<'a> {
+    /// 0-based index of the slice; `u16::MAX` where no slice covers the pixel.
+    pub index: &'a Plane<u16>,
+    /// Whether the labels are final decisions: true when fusion corrected doubtful labels from their surroundings,
+    /// false when each label is the slice with the highest focus measure at that pixel alone. Defocus spread of near
+    /// parts puts more wrong labels into a map that is not refined, so thresholds on it are higher.
+    pub refined: bool,
+}
 
 /// Coverage in depth, and the contribution of every slice.
 #[derive(Debug, Clone, Default, PartialEq)]

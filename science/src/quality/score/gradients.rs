@@ -1,6 +1,9 @@
 //! Gradient preservation (Xydeas and Petrovic) against the slice with the strongest gradient at each pixel.
 
-use super::{PixelWeights, ScoreSums, whole_neighbourhoods};
+use super::{
+    pixel_weights::{PixelWeights, whole_neighbourhoods},
+    sums::ScoreSums,
+};
 use crate::{
     imaging::Plane,
     quality::{deterministic_sum, xydeas},

@@ -5,130 +5,26 @@
 //! through a [`Scorer`], so that memory per block does not grow with their number.
 
 mod gradients;
+mod pixel_weights;
+mod sums;
 mod windows;
 
-use super::deterministic_sum;
-use crate::{imaging::Plane, types::metrics::FusionMetrics};
+use super::{
+    clipping::{FULL, ZERO},
+    deterministic_sum,
+};
+use crate::imaging::Plane;
 
 use gradients::Gradients;
 pub(super) use gradients::sobel;
+use pixel_weights::PixelWeights;
+pub(super) use pixel_weights::{same_shape, whole_neighbourhoods};
+use sums::Ratio;
+pub use sums::ScoreSums;
 use windows::Windows;
 
 /// A pixel of the fused image overshoots if it is more than this outside the range of the slices, grey levels.
 const OVERSHOOT_LEVELS: f32 = 1.0;
-
-/// Sums over the pixels of one or more blocks. Merged in the order of the blocks, they do not depend on the threads.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct ScoreSums {
-    /// Gradient preservation times the gradient of the sharpest slice; that gradient.
-    q_g: Ratio,
-    /// Quality index times the variance of the sharpest slice; that variance.
-    q_w: Ratio,
-    /// Gradient energy of the fused image; that of the sharpest slice per pixel.
-    retention: Ratio,
-    /// Squared differences to the right neighbour; their number.
-    right: Ratio,
-    /// Squared differences to the lower neighbour; their number.
-    below: Ratio,
-    /// Squared Sobel gradients of the fused image; their number.
-    tenengrad: Ratio,
-    /// Laplacians of the fused image; their number.
-    laplacian: Ratio,
-    /// Squared Laplacians; their number.
-    laplacian_squares: Ratio,
-    /// Pixels that overshoot the range of the slices; all pixels.
-    overshoot: Ratio,
-    /// Grey levels outside the range of the slices; all pixels.
-    overshoot_levels: Ratio,
-    /// Clipped pixels of the fused image; all pixels.
-    clipped: Ratio,
-    /// Grey levels of the fused image; all pixels.
-    level: Ratio,
-}
-
-/// Numerator and denominator of a ratio, which are summed separately.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Ratio {
-    numerator: f64,
-    denominator: f64,
-}
-
-impl Ratio {
-    fn add(&mut self, numerator: f64, denominator: f64) {
-        self.numerator += numerator;
-        self.denominator += denominator;
-    }
-
-    /// The quotient; none without a positive denominator.
-    fn quotient(self) -> Option<f64> {
-        (self.denominator > 0.0).then(|| self.numerator / self.denominator).filter(|ratio| ratio.is_finite())
-    }
-}
-
-impl ScoreSums {
-    /// Adds the sums of the next block.
-    pub fn merge(&mut self, next: &Self) {
-        let mut next = *next;
-        for (sum, more) in self.ratios().into_iter().zip(next.ratios()) {
-            sum.add(more.numerator, more.denominator);
-        }
-    }
-
-    fn ratios(&mut self) -> [&mut Ratio; 12] {
-        let Self {
-            q_g,
-            q_w,
-            retention,
-            right,
-            below,
-            tenengrad,
-            laplacian,
-            laplacian_squares,
-            overshoot,
-            overshoot_levels,
-            clipped,
-            level,
-        } = self;
-        [
-            q_g,
-            q_w,
-            retention,
-            right,
-            below,
-            tenengrad,
-            laplacian,
-            laplacian_squares,
-            overshoot,
-            overshoot_levels,
-            clipped,
-            level,
-        ]
-    }
-
-    /// The metrics; none where nothing could be measured.
-    pub fn metrics(&self) -> FusionMetrics {
-        let spatial_frequency = match (self.right.quotient(), self.below.quotient()) {
-            (Some(right), Some(below)) => Some((right + below).sqrt()),
-            _ => None,
-        };
-        let laplacian_variance = match (self.laplacian.quotient(), self.laplacian_squares.quotient()) {
-            (Some(mean), Some(mean_square)) => Some((mean_square - mean * mean).max(0.0)),
-            _ => None,
-        };
-        FusionMetrics {
-            q_g_top: self.q_g.quotient(),
-            q_w_top: self.q_w.quotient(),
-            sharpness_retention: self.retention.quotient(),
-            spatial_frequency,
-            tenengrad: self.tenengrad.quotient(),
-            laplacian_variance,
-            overshoot_fraction: self.overshoot.quotient(),
-            overshoot_levels: self.overshoot_levels.quotient(),
-            clipped_fraction: self.clipped.quotient(),
-            mean_level: self.level.quotient(),
-        }
-    }
-}
 
 /// Scores one block, slice by slice.
 ///
@@ -215,7 +111,7 @@ impl<'a> Scorer<'a> {
                 let both = (over + under).min(255.0);
                 *beyond = both;
                 *outside = if both > OVERSHOOT_LEVELS { 1.0 } else { 0.0 };
-                *clipped = if (super::ZERO..super::FULL).contains(&value) { 0.0 } else { 1.0 };
+                *clipped = if (ZERO..FULL).contains(&value) { 0.0 } else { 1.0 };
             }
             let weights = counts.weights.row(y);
             let count = deterministic_sum::sum(weights);
@@ -225,39 +121,6 @@ impl<'a> Scorer<'a> {
             sums.level.add(deterministic_sum::dot(self.fused.row(y), weights), count);
         }
     }
-}
-
-/// The pixels of a block that count: weight 1, others 0.
-#[derive(Debug, Clone)]
-struct PixelWeights {
-    weights: Plane<f32>,
-    /// Whether all pixels count.
-    all: bool,
-}
-
-impl PixelWeights {
-    fn of(shape: &Plane<f32>, counts: impl Fn(usize) -> bool) -> Self {
-        let data: Vec<f32> = (0..shape.data.len()).map(|i| if counts(i) { 1.0 } else { 0.0 }).collect();
-        let all = !data.contains(&0.0);
-        Self { weights: Plane { width: shape.width, height: shape.height, data }, all }
-    }
-
-    /// Per upper left corner of a `side` x `side` neighbourhood: 1 if all its pixels count, else 0; `side - 1` smaller.
-    fn whole_neighbourhoods(&self, side: usize) -> Plane<f32> {
-        let (width, height) = (self.weights.width, self.weights.height);
-        if width < side || height < side {
-            return Plane::default();
-        }
-        if self.all {
-            return Plane::filled(width + 1 - side, height + 1 - side, 1.0);
-        }
-        let bytes = self.weights.map(|weight| if weight > 0.0 { 255u8 } else { 0 });
-        whole_neighbourhoods(&bytes, side).map(|whole| if whole != 0 { 1.0 } else { 0.0 })
-    }
-}
-
-pub(super) fn same_shape<A, B>(a: &Plane<A>, b: &Plane<B>) -> bool {
-    a.width == b.width && a.height == b.height && a.data.len() == b.data.len()
 }
 
 /// Sums the squared differences to the right and lower neighbours, where both pixels count.
@@ -287,29 +150,6 @@ fn differences(fused: &Plane<f32>, counts: &PixelWeights, sums: &mut ScoreSums) 
             squared((row, here), (fused.row(y + 1), counts.weights.row(y + 1)), &mut sums.below);
         }
     }
-}
-
-/// Per upper left corner of a `side` x `side` neighbourhood: 255 if all its pixels are non-zero, else 0. The result is
-/// `side - 1` smaller in width and height, and empty if the plane is too small.
-pub(super) fn whole_neighbourhoods(counts: &Plane<u8>, side: usize) -> Plane<u8> {
-    if counts.width < side || counts.height < side {
-        return Plane::default();
-    }
-    let (width, height) = (counts.width + 1 - side, counts.height + 1 - side);
-    let mut across = Plane::filled(width, counts.height, 255u8);
-    for y in 0..counts.height {
-        let row = counts.row(y);
-        for k in 0..side {
-            across.row_mut(y).iter_mut().zip(&row[k..]).for_each(|(all, &c)| *all &= c);
-        }
-    }
-    let mut whole = Plane::filled(width, height, 255u8);
-    for y in 0..height {
-        for k in 0..side {
-            whole.row_mut(y).iter_mut().zip(across.row(y + k)).for_each(|(all, &c)| *all &= c);
-        }
-    }
-    whole
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 use super::*;
 use crate::quality::{piella, sampling::Blocks, two_source, xydeas};
+use crate::types::metrics::FusionMetrics;
 
 /// A textured picture, and slices of it as an inclined plane: each is in focus at one column and more blurred farther
 /// away.
@@ -170,7 +171,7 @@ fn by_definition(fused: &Plane<f32>, slices: &[Plane<f32>]) -> (f64, f64) {
             weights += strength(sharpest);
         }
     }
-    let windows: Vec<_> = slices.iter().map(|slice| two_source::moments(slice, fused).unwrap()).collect();
+    let windows: Vec<_> = slices.iter().map(|slice| piella::moments(slice, fused).unwrap()).collect();
     let (mut quality, mut variances) = (0.0, 0.0);
     for i in 0..windows[0].len() {
         let of_slices = windows.iter().map(|windows| &windows[i]);

@@ -1,13 +1,17 @@
 //! Quality index (Piella and Heijmans) per 8x8 window, against the slice with the largest variance in the window.
 
-use super::{PixelWeights, ScoreSums, whole_neighbourhoods};
+use super::{
+    pixel_weights::{PixelWeights, whole_neighbourhoods},
+    sums::ScoreSums,
+};
 use crate::{
     imaging::Plane,
-    quality::{deterministic_sum, piella},
+    quality::{
+        deterministic_sum,
+        piella::{self, SIDE},
+    },
 };
 
-/// Side of a window, px (Piella & Heijmans 2003).
-const SIDE: usize = 8;
 const SAMPLES: f32 = (SIDE * SIDE) as f32;
 
 /// Statistics per window of a block: of the fused image, and of the slice with the largest variance so far. The mean of

@@ -5,7 +5,7 @@
 
 use crate::{
     imaging::{Coverage, LUMA, Rect, Sample, statistics},
-    quality::FULL,
+    quality::clipping::FULL,
 };
 
 /// Cells over the canvas, about: cells are large compared with any blur and small compared with uneven light.

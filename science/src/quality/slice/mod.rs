@@ -7,7 +7,8 @@ mod fingerprint;
 use std::ops::Range;
 
 use super::{
-    FULL, ZERO, deterministic_sum,
+    clipping::{FULL, ZERO},
+    deterministic_sum,
     sampling::{Blocks, Points},
     score::sobel,
 };

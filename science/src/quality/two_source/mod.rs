@@ -1,8 +1,7 @@
 //! The published metrics for a fusion of two sources, for comparison with published tables.
 //!
-//! The service does not use them: summed over many sources they rank a blurred image above the ideal one, so a stack is
-//! scored by [`super::score`]. Users: `tests/reference_fusion.rs`, which compares the guided fusion with the figures of
-//! its paper, and the tests of [`super::score`].
+//! Only tests use them: summed over many sources they rank a blurred image above the ideal one, so a stack is scored by
+//! [`super::score`]. Guided fusion is compared with the figures of its paper, and the scores of stacks with these.
 //!
 //! All functions take luma planes (0..255) of one size and return none if the sizes differ or the planes are too small
 //! or too flat. Published figures are for whole grey levels: round the luma of 8-bit images first (this changes Q_G by
@@ -10,14 +9,18 @@
 
 mod viff;
 
-pub use viff::viff;
+pub(crate) use viff::viff;
 
-use super::{piella, score::same_shape, xydeas};
+use super::{
+    piella::{self, WindowPair, moments},
+    score::same_shape,
+    xydeas,
+};
 use crate::imaging::Plane;
 
 /// Q^{AB/F} of Xydeas and Petrovic (2000): gradient preservation, weighted by the gradients of the sources.
 /// Upper bound [`xydeas::UPPER_BOUND`].
-pub fn q_g(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
+pub(crate) fn q_g(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
     if !same_shape(a, fused) || !same_shape(b, fused) {
         return None;
     }
@@ -37,13 +40,13 @@ pub fn q_g(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
 }
 
 /// Q_W of Piella and Heijmans (2003) in 8x8 uniform windows: quality index, weighted by variance. At most 1.
-pub fn q_w(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
+pub(crate) fn q_w(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
     let sources = [moments(a, fused)?, moments(b, fused)?];
     let (mut quality, mut weights) = (0.0, 0.0);
     for (a, b) in sources[0].iter().zip(&sources[1]) {
         let both = a.source.variance + b.source.variance;
         let share = if both > 0.0 { a.source.variance / both } else { 0.5 };
-        let index = |window: &Window| piella::index(window.source, window.fused, window.covariance);
+        let index = |window: &WindowPair| piella::index(window.source, window.fused, window.covariance);
         let weight = a.source.variance.max(b.source.variance);
         quality += weight * (share * index(a) + (1.0 - share) * index(b));
         weights += weight;
@@ -52,19 +55,19 @@ pub fn q_w(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
 }
 
 /// Q_E of Piella and Heijmans (2003): Q_W of the images times Q_W of their edge images (Prewitt).
-pub fn q_e(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
+pub(crate) fn q_e(a: &Plane<f32>, b: &Plane<f32>, fused: &Plane<f32>) -> Option<f64> {
     Some(q_w(a, b, fused)? * q_w(&edges(a), &edges(b), &edges(fused))?)
 }
 
 /// Spatial frequency: `sqrt(s / n)`, with `s` the sum of the squared differences to the right and lower neighbours and
 /// `n` the number of pixels.
-pub fn spatial_frequency(picture: &Plane<f32>) -> Option<f64> {
+pub(crate) fn spatial_frequency(picture: &Plane<f32>) -> Option<f64> {
     let [right, below] = squared_differences(picture);
     ratio(right + below, picture.data.len() as f64).map(f64::sqrt)
 }
 
 /// Average gradient: mean of `sqrt((dx^2 + dy^2) / 2)` over the differences to the right and lower neighbours.
-pub fn average_gradient(picture: &Plane<f32>) -> Option<f64> {
+pub(crate) fn average_gradient(picture: &Plane<f32>) -> Option<f64> {
     let (width, height) = (picture.width.saturating_sub(1), picture.height.saturating_sub(1));
     let mut sum = 0.0;
     for y in 0..height {
@@ -78,7 +81,7 @@ pub fn average_gradient(picture: &Plane<f32>) -> Option<f64> {
 }
 
 /// Variance of the 4-neighbour Laplacian over the inner pixels.
-pub fn laplacian_variance(picture: &Plane<f32>) -> Option<f64> {
+pub(crate) fn laplacian_variance(picture: &Plane<f32>) -> Option<f64> {
     let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
     for y in 1..picture.height.saturating_sub(1) {
         for x in 1..picture.width.saturating_sub(1) {
@@ -142,39 +145,4 @@ fn edges(picture: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-pub(super) struct Window {
-    pub(super) source: piella::Moments,
-    pub(super) fused: piella::Moments,
-    pub(super) covariance: f64,
-}
-
-const SIDE: usize = 8;
-
-/// Moments of every 8x8 window, in two passes: slow, and numerically safe for any content.
-pub(super) fn moments(source: &Plane<f32>, fused: &Plane<f32>) -> Option<Vec<Window>> {
-    if !same_shape(source, fused) || fused.width < SIDE || fused.height < SIDE {
-        return None;
-    }
-    let samples = (SIDE * SIDE) as f64;
-    let mut windows = Vec::with_capacity((fused.width + 1 - SIDE) * (fused.height + 1 - SIDE));
-    for y in 0..=fused.height - SIDE {
-        for x in 0..=fused.width - SIDE {
-            let rows = (y..y + SIDE).flat_map(|y| source.row(y)[x..x + SIDE].iter().zip(&fused.row(y)[x..x + SIDE]));
-            let pairs = rows.map(|(&s, &f)| (f64::from(s), f64::from(f)));
-            let (s, f) = pairs.clone().fold((0.0, 0.0), |(s, f), (vs, vf)| (s + vs, f + vf));
-            let (s, f) = (s / samples, f / samples);
-            let squares = pairs.fold((0.0, 0.0, 0.0), |(ss, ff, sf), (vs, vf)| {
-                (ss + (vs - s) * (vs - s), ff + (vf - f) * (vf - f), sf + (vs - s) * (vf - f))
-            });
-            windows.push(Window {
-                source: piella::Moments { mean: s, variance: squares.0 / samples },
-                fused: piella::Moments { mean: f, variance: squares.1 / samples },
-                covariance: squares.2 / samples,
-            });
-        }
-    }
-    Some(windows)
-}
-
-#[cfg(test)]
-mod tests;
+pub(crate) mod tests;

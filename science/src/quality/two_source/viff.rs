@@ -13,7 +13,7 @@ const SCALES: [f64; 4] = [1.0, 0.0, 0.15, 1.0];
 /// VIFF of a fusion of any number of sources: 1 if the fused image has the information of the sharpest source
 /// everywhere, more if it is over-sharpened. Luma planes 0..255 of one size; none if the sizes differ, there is no
 /// source, or the planes are too small (below about 40 px).
-pub fn viff(sources: &[&Plane<f32>], fused: &Plane<f32>) -> Option<f64> {
+pub(crate) fn viff(sources: &[&Plane<f32>], fused: &Plane<f32>) -> Option<f64> {
     if sources.is_empty() || sources.iter().any(|source| !same_shape(*source, fused)) {
         return None;
     }

@@ -1,6 +1,9 @@
 //! What can be done with a stack: cancel, delete, fuse again.
 
+use std::iter;
+
 use maud::{Markup, html};
+use pinstack_science::types::fusion_options::Method;
 
 use crate::{http::pages::frame::PageUser, store::Job};
 
@@ -19,15 +22,10 @@ pub fn buttons(job: &Job, user: &PageUser) -> Markup {
 }
 
 /// An option: its name, its label, and its values with their words.
-type Choice = (&'static str, &'static str, &'static [(&'static str, &'static str)]);
+type Choice<'a> = (&'static str, &'static str, &'a [(&'static str, &'static str)]);
 
-/// Options that the page offers for another run.
-const CHOICES: [Choice; 10] = [
-    (
-        "method",
-        "Method",
-        &[("halo_corrected", "halo corrected"), ("pyramid", "pyramid"), ("guided", "guided filter (paper)")],
-    ),
+/// Options that the page offers for another run beside the method.
+const CHOICES: [Choice<'static>; 9] = [
     ("mask", "Mask", &[("auto", "if there is a back light"), ("none", "none"), ("required", "required")]),
     ("mask_edge", "Edge of the mask", &[("hard", "hard"), ("soft", "soft")]),
     ("under_alpha", "Outside the object", &[("black", "black"), ("keep", "fused colour"), ("pad", "continued colour")]),
@@ -45,6 +43,10 @@ const CHOICES: [Choice; 10] = [
 
 /// The form for another run with other options.
 pub fn rerun(job: &Job, user: &PageUser) -> Markup {
+    let mut methods = Method::ALL.map(|method| (method.name(), method.title()));
+    // the default first
+    methods.reverse();
+    let method = ("method", "Method", &methods[..]);
     html! {
         @if user.stacks && !job.upload_removed {
             details {
@@ -52,7 +54,7 @@ pub fn rerun(job: &Job, user: &PageUser) -> Markup {
                 form id="rerun" data-stack=(job.id) {
                     p.soft { "Makes a new stack from the zip that is stored. This one stays. The new one can be compared with it." }
                     div.fields {
-                        @for (name, label, values) in CHOICES {
+                        @for (name, label, values) in iter::once(method).chain(CHOICES) {
                             div {
                                 label for={ "rerun-" (name) } { (label) }
                                 select id={ "rerun-" (name) } name=(name) {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::{super::warped_slices::WarpedSlices, DecisionMap, TEXTURED};
+use super::{super::warped_slices::WarpedSlices, map::DecisionMap, refinement::TEXTURED};
 use crate::{
     fusion::plan::UNCOVERED,
     imaging::{

@@ -21,7 +21,7 @@ use std::{collections::BTreeMap, mem};
 
 use rayon::prelude::*;
 
-use super::{Refinement, TEXTURED, Tile, in_blocks};
+use super::refinement::{Refinement, TEXTURED, Tile, in_blocks};
 use crate::{
     fusion::{
         align::{

@@ -1,4 +1,4 @@
-//! Tables of findings and metrics, for `docs/METRICS.md` and for looking at real stacks.
+//! Tables of findings and metrics, for `docs/METRICS.md`.
 
 use rayon::prelude::*;
 
@@ -8,11 +8,9 @@ use super::{
     warning_codes,
 };
 use crate::{
-    fusion::{FusionRequest, Plan, fuse},
-    imaging::Raster,
     quality::StackQuality,
     synth::{Rig, scene::SCENES},
-    types::{NoControl, metrics::Severity},
+    types::metrics::Severity,
 };
 
 /// Prints how often `exposure_drift` is reported, by scene and drift: the figures for that finding in
@@ -95,33 +93,4 @@ fn table_of_findings_by_fault() {
             lines.iter().for_each(|line| println!("{line}"));
         }
     });
-}
-
-/// Prints the findings and metrics of real stacks, as far as they are beside the repository.
-#[test]
-#[ignore = "needs images that are not in the repository: --ignored --nocapture"]
-fn table_of_findings_on_real_stacks() {
-    let shared = std::env::var_os("PINSTACK_SHARED").map_or_else(
-        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"),
-        std::path::PathBuf::from,
-    );
-    for name in ["coffee6", "flies9", "newto12", "pcb7", "pcb_depth10"] {
-        let Ok(folder) = std::fs::read_dir(shared.join("data").join(name)) else { continue };
-        let mut files: Vec<_> = folder.flatten().map(|entry| entry.path()).collect();
-        files.retain(|file| {
-            file.extension().is_some_and(|e| e.eq_ignore_ascii_case("jpg")) && !file.ends_with("expected.jpg")
-        });
-        files.sort();
-        let slices: Vec<Raster> = files
-            .iter()
-            .map(|file| {
-                let image = image::open(file).unwrap().into_rgb8();
-                Raster::eight(image.width() as usize, image.height() as usize, 3, image.into_raw())
-            })
-            .collect();
-        let plan = Plan::aligned(slices[0].width, slices[0].height, slices.len());
-        let request = FusionRequest { metrics: true, object: None, shown: None };
-        let quality = fuse(&&slices[..], &plan, &request, &std::env::temp_dir(), &NoControl).unwrap().quality.unwrap();
-        println!("{name}\n{:#?}\n{:?}\n{:?}\n{:?}", quality.findings, quality.fusion, quality.focus, quality.alignment);
-    }
 }

@@ -1,8 +1,8 @@
-//! What the heights of all pixels depend on: the noise of the stack, and the width of its focus curves.
+//! Coarse statistics of a stack, on which the heights of all pixels depend: noise, and the width of focus curves.
 
 use rayon::prelude::*;
 
-use super::estimate::energy;
+use super::energy::energy;
 use crate::{
     fusion::{align::Aligned, run::Run},
     imaging::{
@@ -25,7 +25,7 @@ const TEXTURED: f32 = 8.0;
 
 /// The measurements of a stack.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Survey {
+pub(super) struct CoarseStatistics {
     /// Focus energy of noise, squared grey levels.
     pub noise: f32,
     /// Slices on either side of the sharpest one that a focus curve needs.
@@ -37,9 +37,12 @@ pub(super) struct Survey {
 /// - Noise: the median over squares of the lower quartile over slices of the mean energy. In most squares most slices
 ///   are out of focus and show noise only.
 /// - Reach: the median over textured squares of the distance at which the energy has dropped by [`DROP`].
-pub(super) fn survey<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned) -> Result<Survey, Interrupted> {
+pub(super) fn measure<S: Sample, const C: usize>(
+    run: &Run<'_>,
+    aligned: &Aligned,
+) -> Result<CoarseStatistics, Interrupted> {
     let (width, height) = (run.plan.width, run.plan.height);
-    let measure = FocusEnergy::for_decision_map();
+    let focus = FocusEnergy::for_decision_map();
     let start = |i: usize, length: usize| ((2 * i + 1) * length / (2 * SQUARES)).saturating_sub(SIDE / 2);
     let squares: Vec<Rect> = (0..SQUARES * SQUARES)
         .map(|i| {
@@ -49,14 +52,12 @@ pub(super) fn survey<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned
         .collect();
     let curve = |(rows, buffers): &mut (Rows, _), rect: Rect| -> Result<Vec<f32>, Interrupted> {
         let of = |slice: usize| -> Result<f32, Interrupted> {
-            if !aligned.coverages[slice].contains(rect.grown(measure.reach(), width, height)) {
+            if !aligned.coverages[slice].contains(rect.grown(focus.reach(), width, height)) {
                 return Ok(-1.0);
             }
             run.control.check()?;
             let mut sum = 0.0;
-            energy::<S, C>(aligned, slice, rect, &measure, rows, buffers, |_, values| {
-                sum += values.iter().sum::<f32>()
-            })?;
+            energy::<S, C>(aligned, slice, rect, &focus, rows, buffers, |_, values| sum += values.iter().sum::<f32>())?;
             Ok(sum / (rect.width * rect.height) as f32)
         };
         (0..aligned.coverages.len()).map(of).collect()
@@ -64,7 +65,7 @@ pub(super) fn survey<S: Sample, const C: usize>(run: &Run<'_>, aligned: &Aligned
     let curves: Vec<Vec<f32>> =
         squares.into_par_iter().map_init(Default::default, curve).collect::<Result<_, Interrupted>>()?;
     let noise = noise(&curves);
-    Ok(Survey { noise, reach: reach(&curves, noise) })
+    Ok(CoarseStatistics { noise, reach: reach(&curves, noise) })
 }
 
 fn noise(curves: &[Vec<f32>]) -> f32 {
