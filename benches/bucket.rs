@@ -21,7 +21,7 @@ use pinstack_science::{
     fusion::{self, FusionRequest, Plan, SlicePlan},
     imaging::codec::{Metadata, encode_jpeg, encode_png},
     synth::{Light, Rig, Scene, render},
-    types::{NoControl, fusion_options::Method},
+    types::{NoControl, ReadAt, fusion_options::Method},
 };
 use rayon::prelude::*;
 use uuid::Uuid;
