@@ -239,9 +239,9 @@ struct Scales {
     channels: f32,
 }
 
-/// Writes `max(w_c, w_a)` of METHOD.md per pixel, 0 to 1, before fine energies reduce it. `sums` are box sums: of the
-/// change by the correction, of the difference from the pyramid image, and of the distance of the pyramid image from
-/// the interval between both mosaics. `energies` are the fine energies of the mosaic, squared grey levels.
+/// Writes `max(w_c, w_a)` of the module comment per pixel, 0 to 1, before fine energies reduce it. `sums` are box sums:
+/// of the change by the correction, of the difference from the pyramid image, and of the distance of the pyramid image
+/// from the interval between both mosaics. `energies` are the fine energies of the mosaic, squared grey levels.
 #[inline(always)]
 fn consistency<N: Int>(sums: [&[N]; 3], energies: &[f32], scales: &Scales, weights: &mut [f32]) {
     let [change, different, outside] = sums;
@@ -249,12 +249,17 @@ fn consistency<N: Int>(sums: [&[N]; 3], energies: &[f32], scales: &Scales, weigh
     for (weight, (((change, different), outside), energy)) in weights.iter_mut().zip(pixels) {
         let change = change.value() * scales.change;
         let outside = (outside.value() * scales.difference / scales.channels - OF_CORRECTION * change).max(0.0);
-        let corrected =
-            (change / CORRECTION).min(1.0) * ((INCONSISTENT - outside) / (INCONSISTENT - CONSISTENT)).clamp(0.0, 1.0);
-        let equal = ((DIFFERENT - different.value() * scales.difference) / (DIFFERENT - EQUAL)).clamp(0.0, 1.0);
+        let different = different.value() * scales.difference;
+        let corrected = (change / CORRECTION).min(1.0) * ramp(outside, CONSISTENT, INCONSISTENT);
         let mean = WEIGHT_TEXTURELESS + (WEIGHT_TEXTURED - WEIGHT_TEXTURELESS) * energy / (energy + HALF_TEXTURED);
-        *weight = corrected.max(equal * mean);
+        *weight = corrected.max(ramp(different, EQUAL, DIFFERENT) * mean);
     }
+}
+
+/// 1 up to `from`, 0 from `to` on, and linear between.
+#[inline(always)]
+fn ramp(value: f32, from: f32, to: f32) -> f32 {
+    ((to - value) / (to - from)).clamp(0.0, 1.0)
 }
 
 /// How much more fine energy one image has than the other, in multiples of what is accepted: `finer` the pyramid image,
