@@ -17,6 +17,14 @@ where
     tokio::spawn(traces::carried(work).in_current_span())
 }
 
+/// Does work to its end, also when the client disconnects and the future of its request is dropped.
+///
+/// # Errors
+/// Those of the work; `internal` when it panics.
+pub async fn to_the_end<T: Send + 'static>(work: impl Future<Output = ApiResult<T>> + Send + 'static) -> ApiResult<T> {
+    spawn(work).await.map_err(ApiError::internal)?
+}
+
 /// Starts blocking work on a thread of its own, in the span of the request.
 pub fn spawn_blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> JoinHandle<T> {
     let (span, work) = (Span::current(), traces::carried_by_thread(work));

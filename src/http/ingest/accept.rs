@@ -15,7 +15,7 @@ use super::{
     submit::{IncomingZip, Origin, Submitted, ZipFile, submit},
 };
 use crate::http::{
-    ApiError, ApiResult, App,
+    ApiResult, App,
     auth::Caller,
     background,
     extract::prefer,
@@ -31,8 +31,7 @@ impl IngestRequest<'_> {
     /// `idempotency_key_reused`, and what [`submit`] refuses.
     pub async fn submit(&self, submission: Submission, zip: SpooledZip) -> ApiResult<Submitted> {
         let (app, caller, key) = (self.app.clone(), self.caller.clone(), self.key.stored.clone());
-        let submitting = background::spawn(async move { accept(&app, &caller, key, &submission, zip).await });
-        submitting.await.map_err(ApiError::internal)?
+        background::to_the_end(async move { accept(&app, &caller, key, &submission, zip).await }).await
     }
 
     /// 202 with the job, or 200 when the client sent `Prefer: wait` and the job ended in that time.

@@ -14,7 +14,7 @@ use super::{ScanName, url};
 use crate::{
     contract::Name,
     http::{
-        ApiError, ApiResult, App,
+        ApiResult, App,
         auth::Caller,
         background,
         ingest::{
@@ -93,9 +93,9 @@ pub async fn archive(
     let request = IngestRequest::begin(&app, &caller, &headers).await?;
     let (submission, zip): (ScanSubmission, SpooledZip) = request.receive(&name, fields, body).await?;
     let (app, caller, key) = (app.clone(), caller.clone(), request.key.clone());
-    // the stacks are made even when the client disconnects: all bytes are here
-    let answering = background::spawn(async move { answer(&app, &caller, &key, &submission, zip).await });
-    let (view, replayed) = answering.await.map_err(ApiError::internal)??;
+    // all bytes are here
+    let answering = async move { answer(&app, &caller, &key, &submission, zip).await };
+    let (view, replayed) = background::to_the_end(answering).await?;
     let made = view.views.iter().any(|view| view.stack.is_some());
     let status = if made { StatusCode::ACCEPTED } else { StatusCode::OK };
     let mut response = (status, Json(view)).into_response();

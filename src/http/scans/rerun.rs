@@ -115,8 +115,8 @@ pub async fn rerun(
             format!("the scan '{name}' has no views yet; send its stacks first"),
         ));
     }
-    let answering = background::spawn(async move { rerun_views(&app, &caller, name, &views, &changes).await });
-    Ok((StatusCode::ACCEPTED, Json(answering.await.map_err(ApiError::internal)??)))
+    let rerun = async move { rerun_views(&app, &caller, name, &views, &changes).await };
+    Ok((StatusCode::ACCEPTED, Json(background::to_the_end(rerun).await?)))
 }
 
 async fn rerun_views(

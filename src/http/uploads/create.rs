@@ -132,9 +132,8 @@ fn length(headers: &HeaderMap) -> ApiResult<u64> {
 async fn refused(app: &App, id: Uuid, error: ApiError) -> ApiError {
     if error.fault().code == Code::UploadTooLarge {
         let (app, deleted) = (app.clone(), id);
-        // completes even when the client disconnects
-        let deleting = background::spawn(async move { delete::remove(&app, deleted).await });
-        if let Ok(Err(left)) = deleting.await {
+        let deleting = background::to_the_end(async move { delete::remove(&app, deleted).await });
+        if let Err(left) = deleting.await {
             tracing::warn!(detail = left.fault().detail, %id, "an upload of a wrong length is left until it expires");
         }
         return error;

@@ -9,7 +9,7 @@ use uuid::Uuid;
 
 use super::{lock::lock, protocol::require_version};
 use crate::{
-    http::{ApiError, ApiResult, App, background, extract::UploadId},
+    http::{ApiResult, App, background, extract::UploadId},
     store::gc::gc_upload,
 };
 
@@ -34,11 +34,8 @@ use crate::{
 )]
 pub async fn delete(State(app): State<App>, UploadId(id): UploadId, headers: HeaderMap) -> ApiResult<StatusCode> {
     require_version(&headers)?;
-    let deleting = background::spawn(async move {
-        remove(&app, id).await?;
-        ApiResult::Ok(StatusCode::NO_CONTENT)
-    });
-    deleting.await.map_err(ApiError::internal)?
+    background::to_the_end(async move { remove(&app, id).await }).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// Deletes an upload and its bytes.

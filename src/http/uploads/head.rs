@@ -12,7 +12,7 @@ use super::{
     metadata::UPLOAD_METADATA,
     protocol::{UPLOAD_LENGTH, require_version, write_headers},
 };
-use crate::http::{ApiError, ApiResult, App, background, extract::UploadId};
+use crate::http::{ApiResult, App, background, extract::UploadId};
 
 /// Get the offset of an upload
 ///
@@ -50,14 +50,13 @@ use crate::http::{ApiError, ApiResult, App, background, extract::UploadId};
 )]
 pub async fn head(State(app): State<App>, UploadId(id): UploadId, headers: HeaderMap) -> ApiResult<Response> {
     require_version(&headers)?;
-    // completes even when the client disconnects
-    let asking = background::spawn(async move {
+    let asking = background::to_the_end(async move {
         let (mut locked, _) = lock(&app, id).await?;
         require_not_refused(&locked.upload)?;
         complete_if_whole(&app, &mut locked).await?;
-        ApiResult::Ok(locked.upload)
+        Ok(locked.upload)
     });
-    let upload = asking.await.map_err(ApiError::internal)??;
+    let upload = asking.await?;
     let mut response = StatusCode::OK.into_response();
     let headers = response.headers_mut();
     write_headers(headers, &upload);

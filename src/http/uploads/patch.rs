@@ -132,7 +132,7 @@ pub async fn receive_piece(
 ) -> ApiResult<PartialUpload> {
     let body = WatchedBody::new(body, headers, u64::MAX, app.policy.body_idle_timeout);
     let (app, caller, headers) = (app.clone(), caller.clone(), headers.clone());
-    let receiving = background::spawn(async move {
+    background::to_the_end(async move {
         let (mut locked, takeover) = lock(&app, id).await?;
         require_not_refused(&locked.upload)?;
         require_offset(&locked, offset)?;
@@ -148,8 +148,8 @@ pub async fn receive_piece(
             complete_if_whole(&app, &mut locked).await?;
         }
         Ok(locked.upload)
-    });
-    receiving.await.map_err(ApiError::internal)?
+    })
+    .await
 }
 
 fn require_offset(locked: &UploadLock, offset: u64) -> ApiResult<()> {
