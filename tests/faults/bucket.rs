@@ -16,7 +16,7 @@ use crate::{
     input::{profile, zip},
     matrix::{DEATHS, day, deaths},
     relay::{Mood, Moody, Relay, Target},
-    service::{LOOK, Service, command},
+    service::{LOOK, Service, command, text},
     site::{AWAY, Site},
     steps,
     story::Story,
@@ -47,8 +47,7 @@ async fn a_database_and_its_bucket_belong_together() {
     let says = |name: &str, arguments: &[&str], settings: &Path| {
         let settings = settings.to_str().expect("UTF-8");
         let done = command(&site.data(name), &[arguments, &["--config", settings]].concat());
-        let text = format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
-        (done.status.success(), text)
+        (done.status.success(), text(&done))
     };
     let (works, text) = says("operator", &["doctor"], &settings);
     assert!(works && text.contains("storage: s3://") && text.contains("accepts the key"), "{text}");
@@ -94,12 +93,7 @@ async fn a_data_folder_moves_into_a_bucket_and_back() {
     let settings = site.settings("all", &site.database, &site.endpoint);
     let run = |arguments: &[&str]| {
         let done = command(&site.data("new"), &[arguments, &["--config", settings.to_str().expect("UTF-8")]].concat());
-        assert!(
-            done.status.success(),
-            "{}{}",
-            String::from_utf8_lossy(&done.stdout),
-            String::from_utf8_lossy(&done.stderr)
-        );
+        assert!(done.status.success(), "{}", text(&done));
     };
     run(&["restore", "--from", data.to_str().expect("UTF-8")]);
     let api = site.api("api", &settings).await;

@@ -6,16 +6,12 @@ use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
 
 use crate::{
-    service::{LOOK, armed_child, armed_command, command, is_stopped},
+    service::{LOOK, armed_child, armed_command, command, is_stopped, text},
     story::Story,
 };
 
 /// Failpoints of a backup.
 pub const STEPS: [&str; 5] = ["backup.folder", "backup.copy", "backup.snapshot", "backup.sync", "backup.rename"];
-
-fn text(output: &std::process::Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
-}
 
 fn backup(data: &Path, to: &Path) -> String {
     let done = command(data, &["backup", "--to", to.to_str().expect("UTF-8")]);

@@ -11,7 +11,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::{
-    service::{armed_command, clean_up, command},
+    service::{armed_command, clean_up, command, text},
     story::Story,
 };
 
@@ -26,10 +26,6 @@ const CALIBRATION: &str = "copy.write";
 pub fn steps() -> Vec<&'static str> {
     let of_bucket = crate::bucket::steps();
     [&TOKENS[..], &CLEANING, &[CALIBRATION], &crate::copies::STEPS, &crate::moving::STEPS, &of_bucket].concat()
-}
-
-fn text(output: &std::process::Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
 fn listed(data: &Path) -> String {

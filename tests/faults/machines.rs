@@ -1,7 +1,7 @@
 //! Several processes on one Postgres database and one folder, as on several machines: two that serve the API, and two
 //! that run jobs.
 
-use std::{path::PathBuf, process::Output};
+use std::path::PathBuf;
 
 use reqwest::StatusCode;
 use rustix::process::Signal;
@@ -11,7 +11,7 @@ use tempfile::TempDir;
 
 use crate::{
     input::{profile, zip},
-    service::{LOOK, Service, command, command_on},
+    service::{LOOK, Service, command, command_on, text, verified},
     test_server::{Server, in_schema, url},
 };
 
@@ -94,12 +94,8 @@ impl Site {
     }
 
     /// Nothing is left over, and every file is what its row says.
-    async fn verify(&self) {
-        for arguments in [&["gc", "--grace-s", "0"][..], &["verify"]] {
-            let done = command_on(&self.database, &self.data(), arguments);
-            assert!(done.status.success(), "{}", text(&done));
-            assert!(arguments[0] == "gc" || text(&done).contains("; files of 0 unknown jobs"), "{}", text(&done));
-        }
+    fn verify(&self) {
+        verified(|arguments| command_on(&self.database, &self.data(), arguments));
     }
 
     async fn stop(self) {
@@ -107,10 +103,6 @@ impl Site {
             api.stop().await;
         }
     }
-}
-
-fn text(output: &Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -132,7 +124,7 @@ async fn a_worker_that_is_stopped_beyond_its_lease_publishes_nothing_when_it_con
         assert_eq!(site.get(api, &stack).await.as_ref(), Some(&ended), "the stopped worker published nothing");
     }
     other.stop().await;
-    site.verify().await;
+    site.verify();
     site.stop().await;
 }
 
@@ -162,7 +154,7 @@ async fn the_job_of_a_worker_that_was_killed_is_done_by_another_once() {
         assert_eq!(site.ended(1, &next).await["state"], "succeeded");
         assert_eq!(site.get(1, &stack).await.as_ref(), Some(&ended), "{fault}: nothing was done again");
         other.stop().await;
-        site.verify().await;
+        site.verify();
     }
     let listed = site.get(1, "/v1/stacks").await.expect("a list");
     assert_eq!(listed["items"].as_array().map(Vec::len), Some(6), "{listed}");
@@ -196,7 +188,7 @@ async fn a_restart_of_postgres_loses_no_stack_and_does_none_twice() {
     for worker in workers {
         worker.stop().await;
     }
-    site.verify().await;
+    site.verify();
     site.stop().await;
 }
 

@@ -1,22 +1,18 @@
 //! A data folder moves to Postgres and back.
 
-use std::{path::Path, process::Output};
+use std::path::Path;
 
 use sqlx::{AssertSqlSafe, Connection, Executor, PgConnection};
 use tempfile::TempDir;
 
 use crate::{
-    service::{armed_command_on, command_on},
+    service::{armed_command_on, command_on, text},
     story::Story,
     test_server::{in_schema, url},
 };
 
 /// Failpoints of moving to Postgres.
 pub const STEPS: [&str; 1] = ["restore.commit"];
-
-fn text(output: &Output) -> String {
-    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
-}
 
 fn shown(path: &Path) -> &str {
     path.to_str().expect("UTF-8")

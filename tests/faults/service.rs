@@ -26,6 +26,22 @@ fn pinstack() -> Command {
     command
 }
 
+/// What a command said.
+pub fn text(output: &Output) -> String {
+    format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
+}
+
+/// Collects garbage and verifies the store by the command that `run` runs: nothing is left over, and every file is what
+/// its row says. Returns what the verification said.
+pub fn verified(run: impl Fn(&[&str]) -> Output) -> String {
+    let collected = run(&["gc", "--grace-s", "0"]);
+    assert!(collected.status.success(), "{}", text(&collected));
+    let verified = run(&["verify"]);
+    let said = text(&verified);
+    assert!(verified.status.success() && said.contains("; files of 0 unknown jobs"), "{said}");
+    said
+}
+
 /// Runs a command of `pinstack` on a data folder, to its end.
 pub fn command(data: &Path, arguments: &[&str]) -> Output {
     pinstack().args(arguments).arg("--data-dir").arg(data).output().expect("pinstack starts")

@@ -8,7 +8,7 @@ use tempfile::TempDir;
 
 use crate::{
     input::{profile, zip},
-    service::{LOOK, Service, command},
+    service::{LOOK, Service, command, verified},
 };
 
 async fn json(url: &str) -> serde_json::Value {
@@ -70,14 +70,7 @@ async fn stopped_at(step: &str, time: usize) {
     let after = json(&format!("{}{stack}", other.url)).await;
     assert_eq!(after, ended, "the stopped worker published nothing");
     other.stop().await;
-    for arguments in [&["gc", "--grace-s", "0"][..], &["verify"]] {
-        let done = command(&data, arguments);
-        let text = String::from_utf8_lossy(&done.stdout).into_owned();
-        assert!(
-            done.status.success() && (arguments[0] == "gc" || text.contains("; files of 0 unknown jobs")),
-            "{text}"
-        );
-    }
+    verified(|arguments| command(&data, arguments));
 }
 
 #[tokio::test]
