@@ -20,12 +20,19 @@ use std::{
 
 use zip::{CompressionMethod, ZipArchive, ZipWriter, result::ZipError, write::SimpleFileOptions};
 
-use super::{ArchiveLimits, member_names, members::Member, not_a_zip, png_trailer, seek_window::SeekWindow};
+use super::{
+    limits::ArchiveLimits,
+    member_names,
+    members::Member,
+    messages::invalid,
+    not_a_zip, png_trailer,
+    seek_window::{SeekWindow, position},
+};
 use crate::{
     imaging::codec::{self, Header, ImageFault},
     types::{Error, ErrorKind, ReadAt},
 };
-use disk_failure::DiskFailure;
+use disk_failure::{DiskFailure, unreadable};
 
 /// Upper bound of the first allocation for a member, in multiples of its compressed size: the maximum expansion ratio
 /// of deflate. The declared size may be wrong.
@@ -62,12 +69,7 @@ impl Read for SharedReader {
 
 impl Seek for SharedReader {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        let target = match to {
-            SeekFrom::Start(at) => Some(at),
-            SeekFrom::End(by) => self.length.checked_add_signed(by),
-            SeekFrom::Current(by) => self.at.checked_add_signed(by),
-        };
-        self.at = target.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "seek before the start"))?;
+        self.at = position(to, self.at, self.length)?;
         Ok(self.at)
     }
 }
@@ -153,10 +155,7 @@ impl Container {
             let unclear_name = member_names::is_of_another_code_page(entry.name_raw());
             let Some(name) = member_names::checked(&raw)? else { continue };
             if entry.is_symlink() {
-                return Err(super::invalid(
-                    &name,
-                    format!("{name} is a symbolic link; put the file itself into the zip"),
-                ));
+                return Err(invalid(&name, format!("{name} is a symbolic link; put the file itself into the zip")));
             }
             if !entry.is_dir() {
                 members.push(Member { index, name, size: entry.size(), unclear_name });
@@ -255,14 +254,6 @@ impl Container {
     }
 }
 
-/// An I/O error of the server, not of the archive.
-fn unreadable(error: io::Error) -> Error {
-    let detail = format!(
-        "the server cannot read the upload from its disk ({error}); this is no fault of the archive: try again in a moment"
-    );
-    Error::new(ErrorKind::ResourcesExhausted, detail).caused_by(error)
-}
-
 /// A directory that does not match the file, whose first bytes are `head`.
 fn damaged_directory(why: &dyn std::fmt::Display, head: &[u8]) -> Error {
     if not_a_zip::lost_line_ends(head) {
@@ -281,7 +272,7 @@ fn in_brackets(why: &dyn std::fmt::Display) -> String {
 
 /// A member that cannot be decompressed.
 fn damaged(name: &str, why: &dyn std::fmt::Display) -> Error {
-    super::invalid(
+    invalid(
         name,
         format!(
             "{name} is damaged in the zip{}; was the upload cut off? Make the zip again and send it again",

@@ -2,7 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use super::{light::Light, listed, one_or_more, slices::ArchivedSlices};
+use super::{
+    light::Light,
+    messages::{listed, one_or_more},
+    slices::ArchivedSlices,
+};
 use crate::{
     imaging::{Slices, codec::Header},
     types::{Error, ErrorKind, Warning, error::ErrorLocation},

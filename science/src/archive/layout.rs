@@ -6,13 +6,13 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use super::{
-    ArchiveLimits,
     container::Container,
-    invalid,
     light::Light,
-    listed, manifest, member_names,
+    limits::ArchiveLimits,
+    manifest, member_names,
     members::{Member, Picture, SortedSlices},
-    natural_order, one_or_more, slices_of,
+    messages::{invalid, listed, one_or_more, slices_of},
+    natural_order,
 };
 use crate::{
     imaging::codec,

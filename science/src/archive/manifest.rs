@@ -5,13 +5,12 @@ use std::collections::HashMap;
 use serde::Deserialize;
 
 use super::{
-    ArchiveLimits,
     container::Container,
-    invalid,
     light::Light,
-    listed,
+    limits::ArchiveLimits,
     member_names::{self, InvalidName},
     members::{Member, Picture, SortedSlices},
+    messages::{invalid, listed},
 };
 use crate::types::{Error, Warning};
 
@@ -51,10 +50,8 @@ pub(super) fn find(
         ));
     }
     let bytes = container.read(member, limits)?;
-    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&bytes);
     let advice = r#"it must look like {"front": ["a.jpg", "b.jpg"], "back": []}; or omit the file"#;
-    let value: serde_json::Value = serde_json::from_slice(text)
-        .map_err(|error| invalid(name, format!("{name} is not JSON ({error}); {advice}")).caused_by(error))?;
+    let value = json(name, &bytes, advice)?;
     if value.get("front").is_none() && value.get("back").is_none() {
         let detail = format!("{name} has neither \"front\" nor \"back\", so it was ignored");
         warnings.push(Warning::new("manifest_passed_over", detail));
@@ -64,6 +61,13 @@ pub(super) fn find(
         invalid(name, format!("{name} is not a list of slices ({error}); {advice}")).caused_by(error)
     })?;
     Ok(Some((member.clone(), manifest)))
+}
+
+/// The JSON of the manifest `name`, which may begin with a byte order mark.
+pub(super) fn json(name: &str, bytes: &[u8], advice: &str) -> Result<serde_json::Value, Error> {
+    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+    serde_json::from_slice(text)
+        .map_err(|error| invalid(name, format!("{name} is not JSON ({error}); {advice}")).caused_by(error))
 }
 
 impl Manifest {

@@ -1,6 +1,6 @@
 //! Checks the names of members. They are labels for users and never opened as paths.
 
-use super::invalid;
+use super::messages::invalid;
 use crate::types::Error;
 
 /// Maximum length of a name, bytes.

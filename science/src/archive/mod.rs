@@ -22,9 +22,11 @@ mod container;
 mod headers;
 mod layout;
 mod light;
+mod limits;
 mod manifest;
 mod member_names;
 mod members;
+mod messages;
 mod natural_order;
 mod not_a_zip;
 pub mod npy;
@@ -38,54 +40,20 @@ mod slices;
 
 use std::{path::Path, sync::Arc};
 
-use crate::{
-    imaging::codec,
-    types::{Error, ErrorKind, ReadAt, Warning, stack_layout::StackLayout},
-};
+#[cfg(doc)]
+use crate::types::ErrorKind;
+use crate::types::{Error, ReadAt, Warning, stack_layout::StackLayout};
 
 pub use container::pack;
 pub use light::Light;
+pub use limits::ArchiveLimits;
 pub use natural_order::natural_order;
 pub use numbering_gaps::skipped;
 pub use scan::{Ignored, ScanArchive, ScanRules, ScanView, open_scan};
 pub use slices::ArchivedSlices;
 
 use container::Container;
-
-/// Limits of an archive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ArchiveLimits {
-    /// Maximum number of members of any kind.
-    pub max_members: usize,
-    /// Maximum uncompressed size of one member, bytes.
-    pub max_member_bytes: u64,
-    /// Maximum uncompressed size of all pictures together, bytes.
-    pub max_total_bytes: u64,
-    /// Maximum number of bytes read to parse the directory. 1 MiB plus 2 KiB per member is the limit where it is lower.
-    pub max_directory_bytes: u64,
-    /// Limits of one picture.
-    pub image: codec::Limits,
-}
-
-impl ArchiveLimits {
-    /// The limits of a zip that holds a whole scan: 100,000 members, and no limit on their sum but that of the upload.
-    /// The directory takes about 1 KiB of memory per member. Each view has the limits of a stack when it is opened.
-    pub fn scan() -> Self {
-        Self { max_members: 100_000, max_total_bytes: u64::MAX, ..Self::default() }
-    }
-}
-
-impl Default for ArchiveLimits {
-    fn default() -> Self {
-        Self {
-            max_members: 2_500,
-            max_member_bytes: 1 << 30,
-            max_total_bytes: 64 << 30,
-            max_directory_bytes: 64 << 20,
-            image: codec::Limits::default(),
-        }
-    }
-}
+use messages::invalid;
 
 /// A zip whose directory and picture headers are valid, with its slices in order.
 pub struct StackArchive {
@@ -213,32 +181,6 @@ fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<St
         front: front.sized(common.width, common.height),
         back: back.sized(common.width, common.height),
     })
-}
-
-/// An [`ErrorKind::InvalidArchive`] error about one file.
-fn invalid(name: &str, detail: impl Into<String>) -> Error {
-    Error::new(ErrorKind::InvalidArchive, detail).in_file(name, None)
-}
-
-/// Names for a sentence: the first five, and the number of the others.
-fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
-    const SHOWN: usize = 5;
-    let names: Vec<&str> = names.into_iter().collect();
-    let shown = names.iter().take(SHOWN).copied().collect::<Vec<_>>().join(", ");
-    match names.len() {
-        n if n > SHOWN => format!("{shown} and {} more", n - SHOWN),
-        _ => shown,
-    }
-}
-
-/// The word for one thing or that for several.
-fn one_or_more<'a>(count: usize, one: &'a str, more: &'a str) -> &'a str {
-    if count == 1 { one } else { more }
-}
-
-/// A number of slices in words: `1 back-light slice`, `3 back-light slices`.
-fn slices_of(count: usize, light: Light) -> String {
-    format!("{count} {} {}", light.word(), one_or_more(count, "slice", "slices"))
 }
 
 #[cfg(test)]

@@ -2,7 +2,10 @@
 
 use std::{cmp::Ordering, ops::Range};
 
-use super::member_names;
+use super::{
+    member_names,
+    messages::{listed, one_or_more},
+};
 use crate::types::Warning;
 
 /// A part of a name.
@@ -161,12 +164,12 @@ pub(super) fn sort<T>(items: &mut [T], name_of: impl Fn(&T) -> &str, warnings: &
     }
     let copies: Vec<&str> = items.iter().map(name_of).filter(|name| looks_like_a_copy(name)).collect();
     if !copies.is_empty() {
-        let clause = super::one_or_more(
+        let clause = one_or_more(
             copies.len(),
             "seems to be a copy of another file; it is used as a slice",
             "seem to be copies of other files; they are used as slices",
         );
-        warnings.push(Warning::new("copied_file_name", format!("{} {clause}", super::listed(copies))));
+        warnings.push(Warning::new("copied_file_name", format!("{} {clause}", listed(copies))));
     }
 }
 

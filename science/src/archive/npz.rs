@@ -3,10 +3,10 @@
 use std::io;
 
 use super::{
-    ArchiveLimits,
     container::{Container, pack},
-    listed,
+    limits::ArchiveLimits,
     members::Member,
+    messages::listed,
     npy,
 };
 use crate::types::{Error, ErrorKind};

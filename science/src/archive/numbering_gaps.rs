@@ -2,8 +2,8 @@
 
 use super::{
     member_names,
+    messages::one_or_more,
     natural_order::{self, Piece},
-    one_or_more,
 };
 
 /// Maximum number of gaps that are listed.

@@ -1,6 +1,11 @@
 //! Checks the number of slices and the size of their files.
 
-use super::{Light, listed, numbering_gaps, slices::ArchivedSlices, slices_of};
+use super::{
+    Light,
+    messages::{listed, slices_of},
+    numbering_gaps,
+    slices::ArchivedSlices,
+};
 use crate::types::{Error, ErrorKind, stack_layout::StackLayout};
 
 /// Bytes that a file may have besides its pixels: metadata, previews, padding.

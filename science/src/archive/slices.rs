@@ -1,6 +1,6 @@
 //! Slices that are loaded from the zip on demand.
 
-use super::{ArchiveLimits, container::Container, members::Member};
+use super::{container::Container, limits::ArchiveLimits, members::Member};
 use crate::{
     imaging::{Raster, Slices, codec::Header},
     types::{Error, ErrorKind},

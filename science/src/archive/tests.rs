@@ -2,17 +2,22 @@
 
 mod container;
 mod damage;
+mod disk;
 mod headers;
+mod layout;
 mod sentences;
 mod zips;
 
-use std::{
-    io::{self, Write},
-    sync::atomic::{AtomicBool, Ordering},
-};
+use std::io::Write;
 
 use super::*;
-use crate::imaging::{Raster, Slices, codec::Metadata};
+use crate::{
+    imaging::{
+        Raster, Slices,
+        codec::{self, Metadata},
+    },
+    types::ErrorKind,
+};
 use zips::{Entry, deflated, entry, zip};
 
 fn open_bytes(bytes: &[u8]) -> Result<StackArchive, Error> {
@@ -123,27 +128,6 @@ fn slices_can_be_loaded_from_several_threads_at_once() {
 }
 
 #[test]
-fn pictures_in_the_root_are_front_light_and_folders_around_everything_are_looked_through() {
-    for names in [
-        ["a.png", "b.png"],
-        ["Stack 7/a.png", "Stack 7/b.png"],
-        ["2024/käfer/FrontLight/a.png", "2024/käfer/FrontLight/b.png"],
-        ["x/front/session/a.png", "x/front/session/b.png"],
-        ["front\\a.png", "front\\b.png"],
-    ] {
-        let archive = opened(&names);
-        assert_eq!(archive.layout().front, names.map(|name| name.replace('\\', "/")));
-        assert!(archive.layout().back.is_empty());
-        assert_eq!(archive.warnings(), []);
-    }
-    let archive = opened(&["w/a.png", "w/b.png", "w/Back_Light/1.png", "w/Back_Light/2.png"]);
-    assert_eq!(archive.layout().front, ["w/a.png", "w/b.png"]);
-    assert_eq!(archive.layout().back, ["w/Back_Light/1.png", "w/Back_Light/2.png"]);
-    let archive = opened(&["fg/a.png", "fg/b.png", "bg/a.png", "bg/b.png"]);
-    assert_eq!((archive.layout().front.len(), archive.layout().back.len()), (2, 2));
-}
-
-#[test]
 fn rubbish_of_operating_systems_is_passed_over_and_other_files_are_named() {
     let mut entries = pictures(&["front/a.png", "front/b.png"]);
     for rubbish in ["__MACOSX/front/._a.png", ".DS_Store", "front/Thumbs.db", "desktop.ini", "front/._b.png"] {
@@ -194,19 +178,6 @@ fn one_slice_in_two_formats_is_refused_because_it_would_count_twice() {
 }
 
 #[test]
-fn folders_that_do_not_tell_the_light_are_refused() {
-    for names in [
-        &["front/a.png", "front/b.png", "c.png"][..],
-        &["one/a.png", "two/b.png"],
-        &["front/a.png", "front/b.png", "other/c.png"],
-        &["front/1/a.png", "front/2/b.png"],
-        &["a.png", "thumbs/a.png"],
-    ] {
-        assert_eq!(refused(&pictures(names)).kind, ErrorKind::InvalidArchive, "{names:?}");
-    }
-}
-
-#[test]
 fn counts_that_do_not_fit_are_refused_with_both_counts() {
     let fault = refused(&pictures(&["front/a.png", "front/b.png", "back/a.png"]));
     assert_eq!(fault.kind, ErrorKind::SliceCountMismatch);
@@ -253,80 +224,6 @@ fn slices_that_lie_turned_are_refused_but_all_turned_alike_is_fine() {
     let archive = open_bytes(&zip(&[entry("a.png", &turned(6)), entry("b.png", &turned(6))])).unwrap();
     assert_eq!((archive.layout().width, archive.layout().height), (16, 20));
     assert_eq!(archive.front().load(0).unwrap().width, 16);
-}
-
-#[test]
-fn a_manifest_tells_the_order() {
-    let mut entries = pictures(&["s/front/a.png", "s/front/b.png", "s/back/a.png", "s/back/b.png"]);
-    let text = br#"{"front": ["b.png", "front/a.png"], "back": ["back\\b.png", "s/back/A.PNG"], "note": 1}"#;
-    entries.push(entry("s/manifest.json", text));
-    let archive = open_bytes(&zip(&entries)).unwrap();
-    assert_eq!(archive.layout().front, ["s/front/b.png", "s/front/a.png"]);
-    assert_eq!(archive.layout().back, ["s/back/b.png", "s/back/a.png"]);
-    assert_eq!(archive.warnings(), []);
-
-    for text in [
-        r#"{"front": ["a.png"], "back": ["a.png", "b.png"]}"#,
-        r#"{"front": ["a.png", "a.png", "b.png"], "back": ["a.png", "b.png"]}"#,
-        r#"{"front": ["a.png", "x.png"], "back": ["a.png", "b.png"]}"#,
-        r#"{"front": ["a.png", "../b.png"], "back": ["a.png", "b.png"]}"#,
-        r#"{"front": "a.png"}"#,
-        "front: a.png",
-    ] {
-        entries[4] = entry("s/manifest.json", text.as_bytes());
-        assert_eq!(refused(&entries).kind, ErrorKind::InvalidArchive, "{text}");
-    }
-    entries[4] = entry("manifest.json", br#"{"version": 3}"#);
-    let archive = open_bytes(&zip(&entries)).unwrap();
-    assert_eq!(archive.warnings()[0].code, "manifest_passed_over");
-}
-
-#[test]
-fn a_manifest_can_make_slices_of_any_folders() {
-    let mut entries = pictures(&["one/a.png", "two/a.png"]);
-    entries.push(entry("manifest.json", br#"{"front": ["two/a.png", "one/a.png"]}"#));
-    assert_eq!(open_bytes(&zip(&entries)).unwrap().layout().front, ["two/a.png", "one/a.png"]);
-}
-
-/// A disk that fails with EIO while the flag is set.
-struct FailingDisk {
-    bytes: Vec<u8>,
-    fails: AtomicBool,
-}
-
-impl ReadAt for FailingDisk {
-    fn length(&self) -> io::Result<u64> {
-        self.bytes.length()
-    }
-
-    fn read_at(&self, buffer: &mut [u8], at: u64) -> io::Result<usize> {
-        if self.fails.load(Ordering::SeqCst) {
-            return Err(io::Error::from_raw_os_error(5));
-        }
-        self.bytes.read_at(buffer, at)
-    }
-}
-
-#[test]
-fn an_error_of_the_disk_is_not_blamed_on_the_zip() {
-    let limits = ArchiveLimits::default();
-    let bytes = zip(&pictures(&["a.png", "b.png"]));
-    let disk = Arc::new(FailingDisk { bytes, fails: AtomicBool::new(false) });
-    let open = || open_shared(disk.clone(), &limits);
-    let archive = open().unwrap();
-    disk.fails.store(true, Ordering::SeqCst);
-    for fault in [open().err().unwrap(), archive.front().load(0).unwrap_err(), archive.front_bytes(0).unwrap_err()] {
-        assert_eq!(fault.kind, ErrorKind::ResourcesExhausted, "{fault:?}");
-        assert!(fault.detail.contains("no fault of the archive"), "{fault:?}");
-    }
-    disk.fails.store(false, Ordering::SeqCst);
-    assert!(archive.front().load(0).is_ok(), "the slice is readable again with the disk");
-    let folder = open_path(std::path::Path::new("/")).err().unwrap();
-    assert_eq!(folder.kind, ErrorKind::ResourcesExhausted, "{folder:?}");
-}
-
-fn open_path(path: &std::path::Path) -> Result<StackArchive, Error> {
-    super::open(path, &ArchiveLimits::default())
 }
 
 #[test]

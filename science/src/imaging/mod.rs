@@ -29,6 +29,6 @@ pub mod warp;
 pub use coverage::Coverage;
 pub use grey::LUMA;
 pub use mapping::SliceMapping;
-pub use raster::{Depth, Plane, Raster, Rect, Samples};
-pub use sample::{Sample, Sum};
+pub use raster::{Plane, Raster, Rect};
+pub use sample::{Depth, Sample, Samples, Sum};
 pub use slices::Slices;

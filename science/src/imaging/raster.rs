@@ -2,7 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::grey;
+use super::{
+    grey,
+    sample::{Depth, Samples},
+};
 
 /// One channel, row-major, without padding: sample (x, y) is `data[y * width + x]`.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -121,42 +124,6 @@ impl Rect {
             height: (self.y + self.height).next_multiple_of(side).min(height) - y,
         }
     }
-}
-
-/// Bits per sample.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Depth {
-    /// 0..=255.
-    Eight,
-    /// 0..=65535.
-    Sixteen,
-}
-
-impl Depth {
-    /// Full scale.
-    pub fn max(self) -> f32 {
-        match self {
-            Self::Eight => 255.0,
-            Self::Sixteen => 65_535.0,
-        }
-    }
-
-    /// Bytes per sample.
-    pub fn bytes(self) -> usize {
-        match self {
-            Self::Eight => 1,
-            Self::Sixteen => 2,
-        }
-    }
-}
-
-/// The samples of a raster, interleaved.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Samples {
-    /// 8 bits.
-    Eight(Vec<u8>),
-    /// 16 bits, native endian.
-    Sixteen(Vec<u16>),
 }
 
 /// An image as stored in files: interleaved, gamma-encoded samples. Sample `c` of pixel (x, y) is at

@@ -1,8 +1,44 @@
-//! The sample types of a raster, as a trait, so that a kernel is written once for both.
+//! The samples of a raster, of 8 or 16 bits, and their types as a trait, so that a kernel is written once for both.
 
 use std::ops::{Add, AddAssign, Mul};
 
-use super::{Depth, Samples, simd};
+use super::simd;
+
+/// Bits per sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Depth {
+    /// 0..=255.
+    Eight,
+    /// 0..=65535.
+    Sixteen,
+}
+
+impl Depth {
+    /// Full scale.
+    pub fn max(self) -> f32 {
+        match self {
+            Self::Eight => 255.0,
+            Self::Sixteen => 65_535.0,
+        }
+    }
+
+    /// Bytes per sample.
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::Eight => 1,
+            Self::Sixteen => 2,
+        }
+    }
+}
+
+/// The samples of a raster, interleaved.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Samples {
+    /// 8 bits.
+    Eight(Vec<u8>),
+    /// 16 bits, native endian.
+    Sixteen(Vec<u16>),
+}
 
 mod sealed {
     /// Implemented by `u8` and `u16` alone: vector code reads and writes samples as the bytes they are.
@@ -44,20 +80,26 @@ impl Sum for i32 {
 /// impl From<Padded> for i32 {
 ///     fn from(_: Padded) -> Self { 0 }
 /// }
+/// impl From<Padded> for u32 {
+///     fn from(_: Padded) -> Self { 0 }
+/// }
+/// impl From<Padded> for f32 {
+///     fn from(_: Padded) -> Self { 0.0 }
+/// }
 /// impl Sample for Padded {
 ///     const DEPTH: Depth = Depth::Sixteen;
 ///     const BYTES: usize = 2;
 ///     const TO_SIXTEEN: u32 = 1;
 ///     type Sum = i32;
-///     fn value(self) -> f32 { 0.0 }
-///     fn integer(self) -> u32 { 0 }
 ///     fn rounded(_: f32) -> Self { Self::default() }
 ///     fn of(_: &Samples) -> Option<&[Self]> { None }
 ///     fn from_samples(_: Samples) -> Option<Vec<Self>> { None }
 ///     fn wrap(_: Vec<Self>) -> Samples { Samples::Eight(Vec::new()) }
 /// }
 /// ```
-pub trait Sample: sealed::Sealed + Copy + Default + Ord + std::fmt::Debug + Send + Sync + 'static {
+pub trait Sample:
+    sealed::Sealed + Copy + Default + Ord + Into<f32> + Into<u32> + std::fmt::Debug + Send + Sync + 'static
+{
     /// Bits per sample.
     const DEPTH: Depth;
     /// Bytes per sample.
@@ -68,10 +110,16 @@ pub trait Sample: sealed::Sealed + Copy + Default + Ord + std::fmt::Debug + Send
     type Sum: Sum + From<Self>;
 
     /// The sample as a float, 0 to full scale.
-    fn value(self) -> f32;
+    #[inline(always)]
+    fn value(self) -> f32 {
+        self.into()
+    }
 
     /// The sample as an integer, 0 to full scale.
-    fn integer(self) -> u32;
+    #[inline(always)]
+    fn integer(self) -> u32 {
+        self.into()
+    }
 
     /// The nearest sample (halves round up), clamped to 0 and full scale; NaN gives 0.
     fn rounded(value: f32) -> Self;
@@ -91,16 +139,6 @@ impl Sample for u8 {
     const BYTES: usize = 1;
     const TO_SIXTEEN: u32 = 257;
     type Sum = u16;
-
-    #[inline(always)]
-    fn value(self) -> f32 {
-        f32::from(self)
-    }
-
-    #[inline(always)]
-    fn integer(self) -> u32 {
-        u32::from(self)
-    }
 
     #[inline(always)]
     fn rounded(value: f32) -> Self {
@@ -131,16 +169,6 @@ impl Sample for u16 {
     const BYTES: usize = 2;
     const TO_SIXTEEN: u32 = 1;
     type Sum = i32;
-
-    #[inline(always)]
-    fn value(self) -> f32 {
-        f32::from(self)
-    }
-
-    #[inline(always)]
-    fn integer(self) -> u32 {
-        u32::from(self)
-    }
 
     #[inline(always)]
     fn rounded(value: f32) -> Self {

@@ -8,6 +8,7 @@ pub mod advice;
 pub mod page;
 mod pdf;
 pub mod plan;
+mod sheet;
 mod svg;
 
 use crate::types::{Error, ErrorKind, error::ErrorLocation};

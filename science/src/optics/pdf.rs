@@ -2,7 +2,7 @@
 
 use pdf_writer::{Content, Name, Pdf, Rect, Ref, Str, TextStr};
 
-use super::page::TargetPage;
+use super::sheet::TargetPage;
 
 /// Points of 1/72 inch per mm.
 const POINTS_PER_MM: f64 = 72.0 / 25.4;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::page::TargetPage;
+use super::sheet::TargetPage;
 
 /// Height of the text, mm.
 const TEXT_MM: f64 = 2.8;

@@ -46,44 +46,8 @@ pub fn rebase(
     width: u32,
     height: u32,
 ) -> Result<Rebased, Error> {
-    let count = matrices.len();
-    if !(2..=MAX_SLICES).contains(&count) {
-        let detail = format!("the file has {count} matrices; a stack must have 2 to {MAX_SLICES} slices");
-        return Err(Error::new(ErrorKind::InvalidProfile, detail));
-    }
-    if let Some(reference) = reference.filter(|&index| index as usize >= count) {
-        let detail = reference_beyond(reference as usize, count);
-        let location = ErrorLocation {
-            detail: detail.clone(),
-            pointer: Some("/reference_index".into()),
-            ..ErrorLocation::default()
-        };
-        return Err(Error::new(ErrorKind::InvalidProfile, detail).at(location));
-    }
-    refuse(
-        matrices,
-        |m| m.iter().all(|&v| v == 0.0),
-        "nothing but zeros for a matrix: the program that made the file failed there; measure again, or omit these slices from the stack",
-    )?;
-    refuse(
-        matrices,
-        |m| m.iter().any(|v| !v.is_finite()),
-        "numbers that are not finite (NaN or infinity); measure again, or omit these slices from the stack",
-    )?;
-
-    let normalised: Vec<Option<Homography>> = matrices
-        .iter()
-        .map(|m| {
-            let homography = Homography::from_matrix(&Homography(*m).matrix())?;
-            match direction {
-                Direction::SliceToReference => Some(homography),
-                Direction::ReferenceToSlice => homography.inverse(),
-            }
-        })
-        .collect();
-    refuse(&normalised, Option::is_none, "a singular matrix, or one whose last element is zero")?;
-    let given: Vec<Homography> = normalised.into_iter().flatten().collect();
-
+    refuse_input(matrices, reference)?;
+    let given = normalised(matrices, direction)?;
     let moves = |h: &Homography| h.corner_distance(&Homography::IDENTITY, width, height);
     let reference = reference.map_or_else(|| still_or_middle(&given, moves), |index| index as usize);
     let Some(base) = given.get(reference).copied() else {
@@ -98,13 +62,7 @@ pub fn rebase(
             "the matrix of slice {reference}, the reference, is singular: measure it again, or set reference_index to \
              another slice"
         );
-        let location = ErrorLocation {
-            detail: detail.clone(),
-            pointer: Some(format!("/homographies/{reference}")),
-            slice: Some(index),
-            ..ErrorLocation::default()
-        };
-        return Err(Error::new(ErrorKind::InvalidProfile, detail).at(location));
+        return Err(refused_at(format!("/homographies/{reference}"), Some(index), detail));
     };
     let rebased: Vec<Option<Homography>> = given.iter().map(|h| h.then(&back)).collect();
     refuse(&rebased, Option::is_none, "a matrix that cannot be rebased on the reference slice")?;
@@ -125,6 +83,50 @@ pub fn rebase(
         ));
     }
     Ok(Rebased { homographies, reference_index: index, warnings })
+}
+
+/// Refuses a wrong number of matrices, a reference beyond them, and matrices of zeros or of numbers that are not finite.
+fn refuse_input(matrices: &[[f64; 9]], reference: Option<u32>) -> Result<(), Error> {
+    let count = matrices.len();
+    if !(2..=MAX_SLICES).contains(&count) {
+        let detail = format!("the file has {count} matrices; a stack must have 2 to {MAX_SLICES} slices");
+        return Err(Error::new(ErrorKind::InvalidProfile, detail));
+    }
+    if let Some(reference) = reference.filter(|&index| index as usize >= count) {
+        return Err(refused_at("/reference_index".into(), None, reference_beyond(reference as usize, count)));
+    }
+    refuse(
+        matrices,
+        |m| m.iter().all(|&v| v == 0.0),
+        "nothing but zeros for a matrix: the program that made the file failed there; measure again, or omit these slices from the stack",
+    )?;
+    refuse(
+        matrices,
+        |m| m.iter().any(|v| !v.is_finite()),
+        "numbers that are not finite (NaN or infinity); measure again, or omit these slices from the stack",
+    )
+}
+
+/// The matrices as homographies from slice to reference.
+fn normalised(matrices: &[[f64; 9]], direction: Direction) -> Result<Vec<Homography>, Error> {
+    let normalised: Vec<Option<Homography>> = matrices
+        .iter()
+        .map(|m| {
+            let homography = Homography::from_matrix(&Homography(*m).matrix())?;
+            match direction {
+                Direction::SliceToReference => Some(homography),
+                Direction::ReferenceToSlice => homography.inverse(),
+            }
+        })
+        .collect();
+    refuse(&normalised, Option::is_none, "a singular matrix, or one whose last element is zero")?;
+    Ok(normalised.into_iter().flatten().collect())
+}
+
+/// An error about one place of the profile.
+fn refused_at(pointer: String, slice: Option<u32>, detail: String) -> Error {
+    let location = ErrorLocation { detail: detail.clone(), pointer: Some(pointer), slice, ..ErrorLocation::default() };
+    Error::new(ErrorKind::InvalidProfile, detail).at(location)
 }
 
 /// The slice whose matrix is the identity, of several the one nearest the middle; without one the middle slice.

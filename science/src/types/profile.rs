@@ -112,79 +112,85 @@ impl ProfileInput {
     /// # Errors
     /// [`ErrorKind::InvalidProfile`], with one location (a JSON pointer) per violated rule.
     pub fn check(&self) -> Result<(), Error> {
-        let mut locations = Vec::new();
-        let mut refuse = |pointer: String, detail: String, slice: Option<u32>| {
-            locations.push(ErrorLocation { detail, pointer: Some(pointer), file: None, slice });
-        };
+        let mut found = Violations::default();
+        self.check_homographies(&mut found);
+        self.check_slice_values(&mut found);
+        self.check_camera(&mut found);
+        if self.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
+            found.add("/note", "the note is longer than 4,000 characters");
+        }
+        Error::of_locations(ErrorKind::InvalidProfile, found.0).map_or(Ok(()), Err)
+    }
+
+    /// The size of the image, and the homographies.
+    fn check_homographies(&self, found: &mut Violations) {
         let count = self.homographies.len();
         for (name, size) in [("image_width", self.image_width), ("image_height", self.image_height)] {
             if !(16..=65_535).contains(&size) {
-                refuse(format!("/{name}"), format!("{name} is {size}; it must be 16 to 65535 px"), None);
+                found.add(format!("/{name}"), format!("{name} is {size}; it must be 16 to 65535 px"));
             }
         }
         if !(2..=MAX_SLICES).contains(&count) {
-            refuse(
-                "/homographies".into(),
-                format!("homographies has {count} entries; it must have one per slice, 2 to {MAX_SLICES}"),
-                None,
-            );
+            let detail = format!("homographies has {count} entries; it must have one per slice, 2 to {MAX_SLICES}");
+            found.add("/homographies", detail);
         }
         if count > 0 && self.reference_index as usize >= count {
-            refuse("/reference_index".into(), reference_beyond(self.reference_index as usize, count), None);
+            found.add("/reference_index", reference_beyond(self.reference_index as usize, count));
         }
         for (i, homography) in self.homographies.iter().enumerate() {
             if let Some(why) = homography.violation(self.image_width, self.image_height) {
-                refuse(format!("/homographies/{i}"), format!("the homography of slice {i} {why}"), Some(i as u32));
+                found.add_at(i, format!("/homographies/{i}"), format!("the homography of slice {i} {why}"));
             }
         }
         if let Some(reference) = self.homographies.get(self.reference_index as usize) {
             let moved = reference.corner_distance(&Homography::IDENTITY, self.image_width, self.image_height);
             if moved > 0.01 {
-                let i = self.reference_index;
-                refuse(
-                    format!("/homographies/{i}"),
-                    format!(
-                        "slice {i} is the reference, so its homography must be the identity (a corner may move by 0.01 \
-                         px): multiply every homography by the inverse of this one, from the left, or set \
-                         reference_index to the slice whose homography is the identity"
-                    ),
-                    Some(i),
+                let i = self.reference_index as usize;
+                let detail = format!(
+                    "slice {i} is the reference, so its homography must be the identity (a corner may move by 0.01 px): \
+                     multiply every homography by the inverse of this one, from the left, or set reference_index to the \
+                     slice whose homography is the identity"
                 );
+                found.add_at(i, format!("/homographies/{i}"), detail);
             }
         }
+    }
+
+    /// Gains and rail positions.
+    fn check_slice_values(&self, found: &mut Violations) {
+        let count = self.homographies.len();
         if let Some(gains) = &self.gains {
             if gains.len() != count {
-                refuse("/gains".into(), format!("{} gains for {count} slices: give one per slice", gains.len()), None);
+                found.add("/gains", format!("{} gains for {count} slices: give one per slice", gains.len()));
             }
-            for (i, gain) in gains.iter().enumerate() {
-                if !(0.05..=20.0).contains(gain) {
-                    refuse(
-                        format!("/gains/{i}"),
-                        format!("the gain of slice {i} is {gain}; it must be 0.05 to 20"),
-                        Some(i as u32),
-                    );
-                }
+            for (i, gain) in gains.iter().enumerate().filter(|(_, gain)| !(0.05..=20.0).contains(*gain)) {
+                let detail = format!("the gain of slice {i} is {gain}; it must be 0.05 to 20");
+                found.add_at(i, format!("/gains/{i}"), detail);
             }
         }
         if let Some(rail) = &self.rail_positions_mm {
             if rail.len() != count {
                 let detail = format!("{} rail positions for {count} slices: give one per slice", rail.len());
-                refuse("/rail_positions_mm".into(), detail, None);
+                found.add("/rail_positions_mm", detail);
             }
             if let Some((slice, detail)) = rail_violation(rail) {
-                refuse("/rail_positions_mm".into(), detail, Some(slice as u32));
+                found.add_at(slice, "/rail_positions_mm", detail);
             }
         }
+    }
+
+    /// Pixels, lens and magnification.
+    fn check_camera(&self, found: &mut Violations) {
         if let Some(pitch) = self.pixel_pitch_mm
             && !(1e-5..=1.0).contains(&pitch)
         {
-            refuse("/pixel_pitch_mm".into(), format!("pixel_pitch_mm is {pitch}; it must be 0.00001 to 1"), None);
+            found.add("/pixel_pitch_mm", format!("pixel_pitch_mm is {pitch}; it must be 0.00001 to 1"));
         }
         if let Some(distance) = self.principal_distance_mm
             && !(0.1..=100_000.0).contains(&distance)
         {
             let detail = format!("principal_distance_mm is {distance}; it must be 0.1 to 100000");
-            refuse("/principal_distance_mm".into(), detail, None);
+            found.add("/principal_distance_mm", detail);
         }
         if let Some(point) = self.principal_point_px {
             let size = [f64::from(self.image_width), f64::from(self.image_height)];
@@ -197,27 +203,41 @@ impl ProfileInput {
                     -4.0 * size[1],
                     5.0 * size[1]
                 );
-                refuse("/principal_point_px".into(), detail, None);
+                found.add("/principal_point_px", detail);
             }
         }
         if let Some(magnification) = self.magnification
             && !(1e-4..=1e3).contains(&magnification)
         {
-            let detail = format!("magnification is {magnification}; it must be 0.0001 to 1000");
-            refuse("/magnification".into(), detail, None);
+            found.add("/magnification", format!("magnification is {magnification}; it must be 0.0001 to 1000"));
         }
         if let Some(distortion) = &self.distortion
             && let Some(why) = distortion.violation(self.image_width, self.image_height)
         {
-            refuse("/distortion".into(), format!("the distortion {why}"), None);
+            found.add("/distortion", format!("the distortion {why}"));
         }
         if let Some(why) = self.lateral_colour.as_ref().and_then(LateralColour::violation) {
-            refuse("/lateral_colour".into(), format!("lateral_colour {why}"), None);
+            found.add("/lateral_colour", format!("lateral_colour {why}"));
         }
-        if self.note.as_ref().is_some_and(|note| note.chars().count() > 4000) {
-            refuse("/note".into(), "the note is longer than 4,000 characters".into(), None);
-        }
-        Error::of_locations(ErrorKind::InvalidProfile, locations).map_or(Ok(()), Err)
+    }
+}
+
+/// The rules that a profile violates.
+#[derive(Default)]
+struct Violations(Vec<ErrorLocation>);
+
+impl Violations {
+    fn add(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
+        self.push(pointer.into(), detail.into(), None);
+    }
+
+    /// One that concerns slice `i`.
+    fn add_at(&mut self, i: usize, pointer: impl Into<String>, detail: impl Into<String>) {
+        self.push(pointer.into(), detail.into(), Some(i as u32));
+    }
+
+    fn push(&mut self, pointer: String, detail: String, slice: Option<u32>) {
+        self.0.push(ErrorLocation { detail, pointer: Some(pointer), file: None, slice });
     }
 }
 

@@ -20,7 +20,10 @@ use crate::{
     },
 };
 use pinstack_science::{
-    photogrammetry::outliers::{Outlier, OutlierKind, missing_views, outliers},
+    photogrammetry::{
+        missing_views::missing_views,
+        outliers::{Outlier, OutlierKind, outliers},
+    },
     types::view::ViewAngles,
 };
 

@@ -5,8 +5,7 @@ use std::{
     sync::{Arc, OnceLock},
 };
 
-use super::unreadable;
-use crate::types::Error;
+use crate::types::{Error, ErrorKind};
 
 /// The code of the system and the kind of that error, if there was one. All clones share it, and it stays: a thread
 /// that succeeds must not hide it from the one that failed.
@@ -30,10 +29,17 @@ impl DiskFailure {
     }
 }
 
+/// An I/O error of the server, not of the archive.
+pub(super) fn unreadable(error: io::Error) -> Error {
+    let detail = format!(
+        "the server cannot read the upload from its disk ({error}); this is no fault of the archive: try again in a moment"
+    );
+    Error::new(ErrorKind::ResourcesExhausted, detail).caused_by(error)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::types::ErrorKind;
 
     #[test]
     fn an_error_of_the_disk_explains_what_fails_after_it_even_if_something_else_succeeded_meanwhile() {

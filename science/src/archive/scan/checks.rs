@@ -4,7 +4,10 @@ use std::collections::{BTreeMap, HashMap};
 
 use super::view::Group;
 use crate::{
-    archive::{Light, listed, one_or_more, slices_of},
+    archive::{
+        Light,
+        messages::{listed, one_or_more, slices_of},
+    },
     types::{Error, ErrorKind, Warning, error::ErrorLocation},
 };
 

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use crate::{
-    archive::{invalid, light::Light},
+    archive::{light::Light, messages::invalid},
     types::Error,
 };
 

@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use super::{folders, view::Group};
 use crate::{
-    archive::{invalid, member_names, members::Member},
+    archive::{manifest::json, member_names, members::Member, messages::invalid},
     types::Error,
 };
 
@@ -81,10 +81,8 @@ pub(super) fn refuse_too_large(Member { name, size, .. }: &Member) -> Result<(),
 /// When it is no JSON, or lists a picture that is not among `pictures` or was listed before.
 pub(super) fn read(member: &Member, bytes: &[u8], pictures: &[Member]) -> Result<Option<ListedViews>, Error> {
     let name = &member.name;
-    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let advice = r#"it must look like {"views": [{"label": "side", "front": ["a.jpg", "b.jpg"], "back": []}]}"#;
-    let value: serde_json::Value = serde_json::from_slice(text)
-        .map_err(|error| invalid(name, format!("{name} is not JSON ({error}); {advice}")).caused_by(error))?;
+    let value = json(name, bytes, advice)?;
     if value.get("views").is_none() {
         return Ok(None);
     }

@@ -17,7 +17,7 @@ use super::{
     view::{Group, Ignored, ScanRules},
 };
 use crate::{
-    archive::{invalid, layout, member_names, members::Member, natural_order},
+    archive::{layout, member_names, members::Member, messages::invalid, natural_order},
     types::{Error, Warning},
 };
 

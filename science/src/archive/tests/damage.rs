@@ -1,6 +1,9 @@
 //! Whatever bytes come, they are an answer.
 
-use std::sync::atomic::AtomicU64;
+use std::{
+    io,
+    sync::atomic::{AtomicU64, Ordering},
+};
 
 use super::*;
 

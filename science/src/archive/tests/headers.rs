@@ -1,5 +1,7 @@
 //! What the headers of the slices tell: the layout, and warnings about one light.
 
+use std::io;
+
 use super::*;
 
 /// A TIFF of 600 x 400 px in colour with 16 bits, whose directory is in its second megabyte.

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use super::{Format, Limits};
+use super::header::{Format, Limits};
 use crate::types::{Error, ErrorKind};
 
 /// Why a file cannot be used as a picture. The message is a clause that follows the file name (`img_1.jpg: ...`).
@@ -115,4 +115,24 @@ impl ImageFault {
             _ => Self::Unreadable(error.to_string()),
         }
     }
+}
+
+impl Limits {
+    /// Refuses sizes that are zero or exceed a limit.
+    pub(super) fn check(&self, width: u32, height: u32) -> Result<(), ImageFault> {
+        if width == 0 || height == 0 {
+            return Err(ImageFault::NoPixels { width, height });
+        }
+        let pixels = u64::from(width) * u64::from(height);
+        if width > self.max_width || height > self.max_height || pixels > self.max_pixels {
+            return Err(ImageFault::TooLarge { width, height, limits: *self });
+        }
+        Ok(())
+    }
+}
+
+/// Runs a decoder of another crate on an untrusted file. A panic (assertions fail on unusual layouts) becomes a
+/// refusal. The decoder is dropped afterwards, so a broken state cannot be observed.
+pub(super) fn catch_panic<T>(format: Format, decode: impl FnOnce() -> Result<T, ImageFault>) -> Result<T, ImageFault> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode)).unwrap_or(Err(ImageFault::Undecodable(format)))
 }

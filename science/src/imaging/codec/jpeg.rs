@@ -5,7 +5,7 @@
 //! is an error instead of a grey area; a progressive picture must have all scans, down to the last bit of every
 //! coefficient.
 
-mod guarded;
+pub(super) mod guarded;
 
 use std::{
     borrow::Cow,
@@ -15,10 +15,15 @@ use std::{
 
 use zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions};
 
-use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, icc_parts::IccParts, orientation};
+use super::{
+    Metadata, exif_block,
+    fault::ImageFault,
+    header::{Format, Header, Limits},
+    icc_parts::IccParts,
+    orientation,
+};
 use crate::imaging::Raster;
-pub(super) use guarded::APPENDED;
-use guarded::{Guard, Guarded};
+use guarded::{EOI, Guard, Guarded};
 
 /// Maximum number of bytes before the first scan. Cameras write previews of some megabytes there.
 const MAX_HEAD_BYTES: u64 = 64 << 20;
@@ -37,7 +42,6 @@ const PROGRESSIVE: u8 = 0xC2;
 const JPEG_LS: u8 = 0xF7;
 
 const SOI: u8 = 0xD8;
-const EOI: u8 = 0xD9;
 const SOS: u8 = 0xDA;
 const APP1: u8 = 0xE1;
 const APP2: u8 = 0xE2;

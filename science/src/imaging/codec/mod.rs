@@ -8,9 +8,10 @@ mod encode;
 mod exif_block;
 mod exif_output;
 mod fault;
+mod file_metadata;
+mod header;
 mod icc_parts;
 mod jpeg;
-mod metadata;
 mod orientation;
 mod png;
 mod rgba;
@@ -24,97 +25,18 @@ use std::{
 };
 
 use super::Raster;
+use fault::catch_panic;
 
 pub use encode::{encode_jpeg, encode_png, encode_tiff, write_jpeg};
 pub use exif_output::OutputCamera;
 pub use fault::ImageFault;
-pub use metadata::Metadata;
+pub use file_metadata::Metadata;
+pub use header::{CaptureTime, Format, Header, Limits};
 pub use rgba::decode_rgba;
 pub use sniff::{is_picture_name, raw_extension};
 
 /// Bytes beyond the file that [`decode_into`] needs in the memory of a JPEG.
-pub const JPEG_ROOM: usize = jpeg::APPENDED;
-
-/// Supported file formats.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Format {
-    /// JPEG (baseline and progressive, Huffman coded, 8 bits).
-    Jpeg,
-    /// PNG.
-    Png,
-    /// TIFF and BigTIFF.
-    Tiff,
-}
-
-impl std::fmt::Display for Format {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Jpeg => "JPEG",
-            Self::Png => "PNG",
-            Self::Tiff => "TIFF",
-        })
-    }
-}
-
-/// The header of a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Header {
-    /// Columns, after the orientation is applied.
-    pub width: u32,
-    /// Rows, after the orientation is applied.
-    pub height: u32,
-    /// Channels that [`decode`] returns: 1 grey or 3 RGB (alpha is dropped, palettes are expanded).
-    pub channels: u8,
-    /// 8 or 16.
-    pub bit_depth: u8,
-    /// File format.
-    pub format: Format,
-    /// EXIF orientation as stored, 1 to 8; 1 without a tag.
-    pub orientation: u8,
-    /// When a JPEG or PNG was taken, by its EXIF data; `None` without that, and for TIFF.
-    pub taken: Option<CaptureTime>,
-}
-
-/// A point in time by the clock of a camera, s. It grows with time, and is comparable with others of the same camera;
-/// months count as 31 days.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct CaptureTime(pub u64);
-
-/// Maximum size of a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Limits {
-    /// Maximum number of columns.
-    pub max_width: u32,
-    /// Maximum number of rows.
-    pub max_height: u32,
-    /// Maximum number of pixels.
-    pub max_pixels: u64,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self { max_width: 65_535, max_height: 65_535, max_pixels: 400_000_000 }
-    }
-}
-
-impl Limits {
-    /// Refuses sizes that are zero or exceed a limit.
-    fn check(&self, width: u32, height: u32) -> Result<(), ImageFault> {
-        if width == 0 || height == 0 {
-            return Err(ImageFault::NoPixels { width, height });
-        }
-        let pixels = u64::from(width) * u64::from(height);
-        if width > self.max_width || height > self.max_height || pixels > self.max_pixels {
-            return Err(ImageFault::TooLarge { width, height, limits: *self });
-        }
-        Ok(())
-    }
-
-    /// Maximum allocation of a decoder for its result, bytes: four 16-bit channels.
-    fn max_bytes(&self) -> usize {
-        usize::try_from(self.max_pixels.saturating_mul(8)).unwrap_or(usize::MAX)
-    }
-}
+pub const JPEG_ROOM: usize = jpeg::guarded::APPENDED;
 
 /// Reads the header of a picture, and no more bytes than necessary.
 ///
@@ -189,12 +111,6 @@ pub fn metadata(bytes: &[u8]) -> Metadata {
         })
     });
     read.unwrap_or_default()
-}
-
-/// Runs a decoder of another crate on an untrusted file. A panic (assertions fail on unusual layouts) becomes a
-/// refusal. The decoder is dropped afterwards, so a broken state cannot be observed.
-fn catch_panic<T>(format: Format, decode: impl FnOnce() -> Result<T, ImageFault>) -> Result<T, ImageFault> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode)).unwrap_or(Err(ImageFault::Undecodable(format)))
 }
 
 #[cfg(test)]

@@ -7,7 +7,11 @@ use std::io::Cursor;
 
 use image::{DynamicImage, ImageReader};
 
-use super::{ImageFault, Limits, catch_panic, sniff};
+use super::{
+    fault::{ImageFault, catch_panic},
+    header::Limits,
+    sniff,
+};
 use crate::imaging::Raster;
 
 /// Decodes a JPEG, PNG or TIFF to 1 (grey), 3 (RGB) or 4 (RGBA, straight alpha) channels of 8 or 16 bits. The EXIF

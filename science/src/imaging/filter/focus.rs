@@ -5,6 +5,7 @@
 //! differently in each slice: without the Gaussian the reference slice, the only one that is not resampled, would win
 //! wherever there is little texture.
 
+use super::laplacian::{laplacian, repeat_border};
 use crate::imaging::{
     Plane,
     simd::{self, Avx2},
@@ -138,7 +139,7 @@ impl FocusEnergy {
                 simd::run(
                     self.simd,
                     #[inline(always)]
-                    || squared_laplacian(around, &mut squared[inner.clone()]),
+                    || laplacian(around, &mut squared[inner.clone()], |value| value * value),
                 );
                 repeat_border(squared, inner);
                 let pairs = pairs::<N>(|d| &squared[reach(N).wrapping_add_signed(d)..][..width]);
@@ -208,33 +209,6 @@ fn half<const N: usize>(sigma: f64) -> [f32; N] {
 /// The rows at distance `d` on both sides, for each `d`.
 fn pairs<'a, const N: usize>(taps: impl Fn(isize) -> &'a [f32]) -> [[&'a [f32]; 2]; N] {
     std::array::from_fn(|d| [taps(-(d as isize)), taps(d as isize)])
-}
-
-fn repeat_border(row: &mut [f32], inner: std::ops::Range<usize>) {
-    let (left, right) = (row[inner.start], row[inner.end - 1]);
-    row[..inner.start].fill(left);
-    row[inner.end..].fill(right);
-}
-
-/// The squared Laplacian (kernel `[0 1 0; 1 -4 1; 0 1 0]`) of the middle row, with repeated border.
-#[inline(always)]
-fn squared_laplacian([above, middle, below]: [&[f32]; 3], out: &mut [f32]) {
-    let width = middle.len();
-    let value = |x: usize, left: usize, right: usize| {
-        let laplacian = (above[x] + below[x]) + (middle[left] + middle[right]) - 4.0 * middle[x];
-        laplacian * laplacian
-    };
-    out[0] = value(0, 0, 1.min(width - 1));
-    out[width - 1] = value(width - 1, width.saturating_sub(2), width - 1);
-    if width < 3 {
-        return;
-    }
-    let inner = out[1..width - 1].iter_mut().zip(&middle[..width - 2]).zip(&middle[2..]);
-    let columns = above[1..width - 1].iter().zip(&middle[1..width - 1]).zip(&below[1..width - 1]);
-    for (((out, left), right), ((above, here), below)) in inner.zip(columns) {
-        let laplacian = (above + below) + (left + right) - 4.0 * here;
-        *out = laplacian * laplacian;
-    }
 }
 
 #[cfg(test)]

@@ -6,5 +6,6 @@
 pub mod disc;
 pub mod focus;
 pub mod guided;
+mod laplacian;
 pub mod mean;
 pub mod saliency;

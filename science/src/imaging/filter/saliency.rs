@@ -1,5 +1,6 @@
 //! The focus measure of guided filtering fusion (Li, Kang & Hu 2013): `|Laplacian|`, smoothed by a Gaussian.
 
+use super::laplacian::{laplacian, repeat_border};
 use crate::imaging::simd::{self, Avx2};
 
 /// The saliency with a given Gaussian.
@@ -75,11 +76,9 @@ impl Saliency {
                 simd::run(
                     self.simd,
                     #[inline(always)]
-                    || laplacian(around, &mut padded[radius..radius + width]),
+                    || laplacian(around, &mut padded[radius..radius + width], f32::abs),
                 );
-                let (left, right) = (padded[radius], padded[radius + width - 1]);
-                padded[..radius].fill(left);
-                padded[radius + width..].fill(right);
+                repeat_border(padded, radius..radius + width);
                 let taps = |d: isize| &padded[radius.wrapping_add_signed(d)..][..width];
                 self.smooth(taps, &mut blurred[blur_at(next_blur)]);
                 next_blur += 1;
@@ -108,25 +107,6 @@ impl Saliency {
                 }
             }
         }
-    }
-}
-
-/// `|Laplacian|` of the middle row. Neighbours are added in pairs, so that a constant gives exactly 0.
-#[inline(always)]
-fn laplacian([above, middle, below]: [&[f32]; 3], out: &mut [f32]) {
-    let width = middle.len();
-    let value = |x: usize, left: usize, right: usize| {
-        ((above[x] + below[x]) + (middle[left] + middle[right]) - 4.0 * middle[x]).abs()
-    };
-    out[0] = value(0, 0, 1.min(width - 1));
-    out[width - 1] = value(width - 1, width.saturating_sub(2), width - 1);
-    if width < 3 {
-        return;
-    }
-    let inner = out[1..width - 1].iter_mut().zip(&middle[..width - 2]).zip(&middle[2..]);
-    let columns = above[1..width - 1].iter().zip(&middle[1..width - 1]).zip(&below[1..width - 1]);
-    for (((out, left), right), ((above, here), below)) in inner.zip(columns) {
-        *out = ((above + below) + (left + right) - 4.0 * here).abs();
     }
 }
 

@@ -1,6 +1,6 @@
 //! Source positions of red and blue where the lens has lateral colour.
 
-use super::{BLOCK, PHASES};
+use super::parts::{BLOCK, PHASES};
 use crate::types::lateral_colour::{ColourDisplacement, LateralColour};
 
 /// Position of a colour in the slice: `factor * p + offset`, with `p` the position of green.

@@ -3,7 +3,7 @@
 //! Undoing and applying the distortion for each pixel would cost more than the resampling. Within a block the positions
 //! follow quartics through five exact positions ([`super::super::mapping`]).
 
-use super::{BLOCK, PHASES};
+use super::parts::{BLOCK, PHASES};
 
 /// The source positions of the first `count` pixels of a block, in 1/1024 px, from the quartics of
 /// [`super::SliceMapping`]. The rest of `us` and `vs` is arbitrary.

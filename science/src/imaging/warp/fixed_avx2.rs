@@ -2,7 +2,11 @@
 
 use std::{arch::x86_64::*, ops::Range};
 
-use super::{PHASE_BITS, Source, fixed::Fixed, inside::Inside};
+use super::{
+    fixed_weights::Fixed,
+    inside::Inside,
+    parts::{PHASE_BITS, Source},
+};
 use crate::imaging::simd::{self, Avx2};
 
 /// Bytes read of each of the four rows around a position; 12 of them are used.
@@ -63,7 +67,7 @@ unsafe fn four(fixed: &Fixed, samples: &[u8], stride: usize, us: &[i32; 4], vs: 
         // SAFETY: as this function demands.
         *sum = unsafe { two(fixed, samples, stride, [us[i], us[i + 2]], [vs[i], vs[i + 2]]) };
     }
-    let (half, shift) = (_mm256_set1_epi32(fixed.half()), _mm_cvtsi32_si128(fixed.shift() as i32));
+    let (half, shift) = (_mm256_set1_epi32(fixed.half), _mm_cvtsi32_si128(fixed.shift as i32));
     let rounded = |sum: __m256i| _mm256_sra_epi32(_mm256_add_epi32(sum, half), shift);
     // R G B 0 R G B 0 in each half
     let words = _mm256_packs_epi32(rounded(sums[0]), rounded(sums[1]));

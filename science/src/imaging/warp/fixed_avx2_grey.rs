@@ -2,7 +2,12 @@
 
 use std::{arch::x86_64::*, ops::Range};
 
-use super::{PHASE_BITS, Source, fixed::Fixed, fixed_avx2::both, inside::Inside};
+use super::{
+    fixed_avx2::both,
+    fixed_weights::Fixed,
+    inside::Inside,
+    parts::{PHASE_BITS, Source},
+};
 use crate::imaging::simd::{self, Avx2};
 
 /// Pixels that are computed at a time.
@@ -41,7 +46,7 @@ pub(super) fn weigh<const C: usize>(
 /// For each position the 4 x 4 samples around it must lie in `samples`, whose rows have `stride` samples.
 #[target_feature(enable = "avx2")]
 unsafe fn row(fixed: &Fixed, samples: &[u8], stride: usize, (us, vs): (&[i32], &[i32]), out: &mut [u8]) {
-    let (half, shift) = (_mm256_set1_epi32(fixed.half()), _mm_cvtsi32_si128(fixed.shift() as i32));
+    let (half, shift) = (_mm256_set1_epi32(fixed.half), _mm_cvtsi32_si128(fixed.shift as i32));
     let places = us.as_chunks::<PIXELS>().0.iter().zip(vs.as_chunks::<PIXELS>().0);
     for ((us, vs), out) in places.zip(out.as_chunks_mut::<PIXELS>().0) {
         // pixels 0 to 3 end up in the lower half of the vectors, 4 to 7 in the upper one

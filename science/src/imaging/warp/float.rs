@@ -1,6 +1,6 @@
 //! Floating-point weighted sums, for 16-bit samples and for any gain.
 
-use super::{PHASES, Source, kernel};
+use super::parts::{PHASES, Source, kernel};
 use crate::imaging::{
     Sample,
     simd::{self, Avx2},

@@ -2,7 +2,10 @@
 
 use std::{arch::x86_64::*, ops::Range};
 
-use super::{PHASE_BITS, PHASES, Source, inside::Inside};
+use super::{
+    inside::Inside,
+    parts::{PHASE_BITS, PHASES, Source},
+};
 use crate::imaging::{
     Sample,
     simd::{self, Avx2},

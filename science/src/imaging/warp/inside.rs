@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::PHASE_BITS;
+use super::parts::PHASE_BITS;
 
 /// The range of positions whose 4 x 4 pixels are inside the slice, in 1/1024 px.
 #[derive(Debug, Clone, Copy)]

@@ -17,11 +17,13 @@ mod fixed;
 mod fixed_avx2;
 #[cfg(target_arch = "x86_64")]
 mod fixed_avx2_grey;
+mod fixed_weights;
 mod float;
 #[cfg(target_arch = "x86_64")]
 mod float_avx2;
 #[cfg(target_arch = "x86_64")]
 mod inside;
+mod parts;
 
 use std::ops::Range;
 
@@ -35,13 +37,10 @@ use super::{
 };
 use crate::types::{Homography, distortion::Distortion, lateral_colour::LateralColour};
 use colours::ColourPosition;
-use fixed::Fixed;
+use fixed_weights::Fixed;
 use float::Float;
+use parts::{BLOCK, PHASES, Source};
 
-const PHASE_BITS: u32 = 10;
-const PHASES: usize = 1 << PHASE_BITS;
-/// Pixels whose positions are projected at a time.
-const BLOCK: usize = 64;
 /// Least number of rows per task of a thread.
 const BAND: usize = 16;
 
@@ -278,13 +277,6 @@ fn positions(h: &[f64; 9], x: usize, y: usize, us: &mut [i32; BLOCK], vs: &mut [
     }
 }
 
-/// The slice that is sampled.
-struct Source<'a, S, const C: usize> {
-    samples: &'a [S],
-    width: usize,
-    height: usize,
-}
-
 /// Kernel weights for each phase between two pixels.
 enum Weights {
     /// Fixed point.
@@ -310,34 +302,6 @@ impl Weights {
             }
         }
     }
-}
-
-impl<S: Sample, const C: usize> Source<'_, S, C> {
-    /// The top left of the 4 x 4 pixels around (u, v), and whether all of them are inside the slice.
-    #[inline(always)]
-    fn corner(&self, u: i32, v: i32) -> ([isize; 2], bool) {
-        let (x, y) = ((u >> PHASE_BITS) as isize - 1, (v >> PHASE_BITS) as isize - 1);
-        let inside = x >= 0 && y >= 0 && x as usize + 4 <= self.width && y as usize + 4 <= self.height;
-        ([x, y], inside)
-    }
-
-    /// The pixel at (x, y); outside of the slice the nearest border pixel.
-    #[inline(always)]
-    fn pixel(&self, x: isize, y: isize) -> &[S] {
-        let row = y.clamp(0, self.height as isize - 1) as usize * self.width;
-        let start = (row + x.clamp(0, self.width as isize - 1) as usize) * C;
-        &self.samples[start..start + C]
-    }
-}
-
-/// Keys' four weights for each phase between two pixels.
-fn kernel() -> impl Iterator<Item = [f64; 4]> {
-    (0..PHASES).map(|phase| {
-        let t = phase as f64 / PHASES as f64;
-        let near = |d: f64| (1.5 * d - 2.5) * d * d + 1.0;
-        let far = |d: f64| ((-0.5 * d + 2.5) * d - 4.0) * d + 2.0;
-        [far(1.0 + t), near(t), near(1.0 - t), far(2.0 - t)]
-    })
 }
 
 #[cfg(test)]

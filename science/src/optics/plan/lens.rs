@@ -1,6 +1,6 @@
 //! The lens of a plan. Lengths in mm.
 
-use super::{DepthRange, PlanInput};
+use super::{capture_plan::DepthRange, input::PlanInput};
 
 /// Circle of confusion without `coc_um`, pixels.
 const COC_PX: f64 = 2.5;

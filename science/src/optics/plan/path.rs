@@ -1,7 +1,7 @@
 //! The path of the rail: from the slice that is focused on the nearest point of the object to the one focused on the
 //! farthest.
 
-use super::{Lens, PlanInput, PlannedSlice};
+use super::{capture_plan::PlannedSlice, input::PlanInput, lens::Lens};
 use crate::{
     optics::refused,
     types::{Error, profile::CaptureMode},

@@ -1,6 +1,6 @@
 //! What limits a capture.
 
-use super::{CapturePlan, PlanInput};
+use super::{capture_plan::CapturePlan, input::PlanInput};
 use crate::types::Warning;
 
 /// An Airy disc larger than so many circles of confusion decides the sharpness.

@@ -1,6 +1,6 @@
 //! The common camera of a bundle.
 
-use super::BundleScan;
+use super::types::BundleScan;
 
 /// A pinhole camera with radial distortion. The centre of the top-left pixel is (0, 0).
 #[derive(Debug, Clone, Copy, PartialEq)]

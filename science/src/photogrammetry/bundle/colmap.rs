@@ -2,7 +2,11 @@
 
 use std::fmt::Write;
 
-use super::{Bundle, Entry, camera::Camera, pose, readme, text};
+use super::{
+    camera::Camera,
+    entries::{Bundle, Entry, text},
+    pose, readme,
+};
 
 /// The files.
 pub(super) fn files(bundle: &Bundle<'_>) -> Vec<Entry> {

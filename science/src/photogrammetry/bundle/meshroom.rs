@@ -8,7 +8,10 @@
 
 use serde_json::{Value, json};
 
-use super::{Bundle, Entry, json, readme, text};
+use super::{
+    entries::{Bundle, Entry, json, text},
+    readme,
+};
 
 /// The id of the intrinsics.
 const INTRINSIC: u32 = 1;

@@ -2,7 +2,11 @@
 
 use std::fmt::Write;
 
-use super::{Bundle, Entry, camera::Camera, readme, text};
+use super::{
+    camera::Camera,
+    entries::{Bundle, Entry, text},
+    readme,
+};
 
 /// The files.
 pub(super) fn files(bundle: &Bundle<'_>) -> Vec<Entry> {

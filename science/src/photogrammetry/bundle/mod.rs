@@ -18,6 +18,7 @@
 
 mod camera;
 mod colmap;
+mod entries;
 mod meshroom;
 mod metashape;
 mod nerfstudio;
@@ -26,123 +27,15 @@ mod openmvg;
 mod pose;
 mod readme;
 mod realitycapture;
+mod types;
 
-use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use crate::types::{Error, ErrorKind};
 
-use crate::types::{Error, ErrorKind, intrinsics::Intrinsics, view::ViewAngles};
+pub use entries::{Content, Entry};
+pub use types::{BundleScan, BundleView, Layout};
 
 use camera::Camera;
-use pose::Pose;
-
-/// The program that a bundle is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Layout {
-    /// COLMAP.
-    Colmap,
-    /// Meshroom and AliceVision.
-    Meshroom,
-    /// Agisoft Metashape.
-    Metashape,
-    /// RealityCapture.
-    Realitycapture,
-    /// OpenDroneMap.
-    Odm,
-    /// OpenMVG.
-    Openmvg,
-    /// nerfstudio.
-    Nerfstudio,
-}
-
-impl Layout {
-    /// All layouts.
-    pub const ALL: [Self; 7] = [
-        Self::Colmap,
-        Self::Meshroom,
-        Self::Metashape,
-        Self::Realitycapture,
-        Self::Odm,
-        Self::Openmvg,
-        Self::Nerfstudio,
-    ];
-
-    /// Its name in the API.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Colmap => "colmap",
-            Self::Meshroom => "meshroom",
-            Self::Metashape => "metashape",
-            Self::Realitycapture => "realitycapture",
-            Self::Odm => "odm",
-            Self::Openmvg => "openmvg",
-            Self::Nerfstudio => "nerfstudio",
-        }
-    }
-}
-
-/// A scan, all images of which are of one camera.
-#[derive(Debug, Clone, PartialEq)]
-pub struct BundleScan {
-    /// Name of the scan.
-    pub name: String,
-    /// Width of every image, px.
-    pub width: u32,
-    /// Height of every image, px.
-    pub height: u32,
-    /// The common camera, if it is known.
-    pub intrinsics: Option<Intrinsics>,
-    /// Centre of the uncropped image in these images, `[x, y]` px: the principal point where none is known.
-    pub canvas_centre_px: [f64; 2],
-    /// Distance from the centre of projection to the point where the axes of pan and tilt meet, mm.
-    pub radius_mm: Option<f64>,
-    /// With growing pan the camera moves clockwise around the object, seen from above.
-    pub pan_is_clockwise: bool,
-    /// The views, at least one.
-    pub views: Vec<BundleView>,
-}
-
-/// A view of a scan.
-#[derive(Debug, Clone, PartialEq)]
-pub struct BundleView {
-    /// Name of its files, without extension: unique, without dots and blanks.
-    pub stem: String,
-    /// Extension of the image, without a dot.
-    pub extension: String,
-    /// Bits per sample of the image, 8 or 16.
-    pub bit_depth: u8,
-    /// Whether it has a mask (PNG, 8 bits, white where the object is).
-    pub has_mask: bool,
-    /// Pan and tilt as commanded.
-    pub angles: Option<ViewAngles>,
-}
-
-impl BundleView {
-    /// File name of the image.
-    fn file(&self) -> String {
-        format!("{}.{}", self.stem, self.extension)
-    }
-}
-
-/// A file of a bundle.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Entry {
-    /// Name with `/` between folders.
-    pub path: String,
-    /// Its bytes.
-    pub content: Content,
-}
-
-/// The bytes of a file.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Content {
-    /// This text.
-    Text(String),
-    /// The image of the view with this index.
-    Image(usize),
-    /// The mask of the view with this index.
-    Mask(usize),
-}
+use entries::Bundle;
 
 /// The files of a bundle, `README.txt` first.
 ///
@@ -186,52 +79,6 @@ fn refuse_names_of_masks(layout: Layout, scan: &BundleScan) -> Result<(), Error>
             ),
         )),
     }
-}
-
-/// What the layouts are made from.
-struct Bundle<'a> {
-    scan: &'a BundleScan,
-    /// `None` when the principal distance is unknown.
-    camera: Option<Camera>,
-    /// One per view; `None` unless every view has pan and tilt.
-    poses: Option<Vec<Pose>>,
-}
-
-impl Bundle<'_> {
-    /// Images under `images/`, and masks where `mask` places them.
-    fn pictures(&self, mask: impl Fn(&BundleView) -> String) -> Vec<Entry> {
-        let views = self.scan.views.iter().enumerate();
-        let images = views
-            .clone()
-            .map(|(at, view)| Entry { path: format!("images/{}", view.file()), content: Content::Image(at) });
-        let masks = views.filter(|(_, view)| view.has_mask);
-        let masks = masks.map(|(at, view)| Entry { path: mask(view), content: Content::Mask(at) });
-        images.chain(masks).collect()
-    }
-
-    /// Whether a view has a mask.
-    fn has_masks(&self) -> bool {
-        self.scan.views.iter().any(|view| view.has_mask)
-    }
-
-    /// How many views have no mask.
-    fn without_mask(&self) -> usize {
-        self.scan.views.iter().filter(|view| !view.has_mask).count()
-    }
-
-    /// Views with their poses.
-    fn posed(&self) -> impl Iterator<Item = (&BundleView, &Pose)> {
-        self.scan.views.iter().zip(self.poses.iter().flatten())
-    }
-}
-
-fn text(path: &str, text: String) -> Entry {
-    Entry { path: path.to_owned(), content: Content::Text(text) }
-}
-
-fn json(path: &str, value: &serde_json::Value) -> Entry {
-    // a value without maps of other keys than text can always be written
-    text(path, serde_json::to_string_pretty(value).unwrap_or_default() + "\n")
 }
 
 #[cfg(test)]

@@ -2,7 +2,10 @@
 
 use serde_json::{Value, json};
 
-use super::{Bundle, Entry, json, readme, text};
+use super::{
+    entries::{Bundle, Entry, json, text},
+    readme,
+};
 
 /// The files.
 pub(super) fn files(bundle: &Bundle<'_>) -> Vec<Entry> {

@@ -5,7 +5,11 @@
 
 use serde_json::{Value, json};
 
-use super::{Bundle, Entry, camera::Camera, json, readme, text};
+use super::{
+    camera::Camera,
+    entries::{Bundle, Entry, json, text},
+    readme,
+};
 
 /// The files.
 pub(super) fn files(bundle: &Bundle<'_>) -> Vec<Entry> {

@@ -2,7 +2,10 @@
 
 use serde_json::{Value, json};
 
-use super::{Bundle, Entry, json, readme, text};
+use super::{
+    entries::{Bundle, Entry, json, text},
+    readme,
+};
 
 /// The first id of shared pointers in files of the library cereal, whose highest bit marks a new object.
 const NEW_OBJECT: u32 = 1 << 31;

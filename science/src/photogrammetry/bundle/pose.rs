@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::BundleScan;
+use super::types::BundleScan;
 use crate::types::view::ViewAngles;
 
 /// Views that each view is matched with.

@@ -1,6 +1,6 @@
 //! What the README of every bundle says.
 
-use super::Bundle;
+use super::entries::Bundle;
 
 /// The beginning of the README: what the bundle holds, the camera, the poses.
 pub(super) fn begin(bundle: &Bundle<'_>, program: &str, masks: &str) -> String {

@@ -1,6 +1,11 @@
 //! RealityCapture: an XMP sidecar and a mask beside each image.
 
-use super::{Bundle, Entry, camera::Camera, pose::Pose, readme, text};
+use super::{
+    camera::Camera,
+    entries::{Bundle, Entry, text},
+    pose::Pose,
+    readme,
+};
 
 /// The files.
 pub(super) fn files(bundle: &Bundle<'_>) -> Vec<Entry> {

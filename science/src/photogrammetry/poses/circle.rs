@@ -3,6 +3,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::photogrammetry::statistics::upper_median;
+
 /// Circles through three centres that are tried as a start.
 const STARTS: usize = 300;
 /// Robust standard deviations beyond which a centre is rejected.
@@ -111,7 +113,7 @@ pub fn fit_circle(centres: &[[f64; 3]]) -> Option<CircleFit> {
         return None;
     }
     let points: Vec<Vector3<f64>> = centres.iter().map(|centre| Vector3::from(*centre)).collect();
-    let median_distance = |circle: &Circle| median(points.iter().map(|point| circle.distance(point)).collect());
+    let median_distance = |circle: &Circle| upper_median(points.iter().map(|point| circle.distance(point)).collect());
     let mut circle = samples(&points)
         .filter_map(|[a, b, c]| Circle::through(a, b, c))
         .map(|circle| (median_distance(&circle), circle))
@@ -155,11 +157,6 @@ fn samples(points: &[Vector3<f64>]) -> impl Iterator<Item = [Vector3<f64>; 3]> +
         _ => None,
     };
     first.into_iter().chain((0..STARTS).map(move |_| [draw(), draw(), draw()]))
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -8,6 +8,8 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Vector3, Vector4};
 
+use crate::photogrammetry::statistics::upper_median;
+
 /// Standard deviations of the residual at which Huber's loss becomes linear.
 const HUBER_SIGMAS: f64 = 3.0;
 /// Standard deviations of the residual beyond which a centre is rejected. Of 10,000 normal residuals none is.
@@ -62,7 +64,7 @@ pub fn fit_sphere(centres: &[[f64; 3]]) -> Result<SphereFit, SphereFitError> {
     }
     let origin = component_median(centres);
     let shifted: Vec<Vector3<f64>> = centres.iter().map(|c| Vector3::from(*c) - origin).collect();
-    let unit = median(shifted.iter().map(Vector3::norm).collect());
+    let unit = upper_median(shifted.iter().map(Vector3::norm).collect());
     if unit <= 0.0 {
         return Err(SphereFitError::Coplanar);
     }
@@ -106,7 +108,7 @@ fn start(points: &[Vector3<f64>]) -> Option<Vector4<f64>> {
     let spheres = std::iter::once(algebraic(points)).chain(samples.iter().map(|sample| algebraic(sample)));
     spheres
         .flatten()
-        .map(|sphere| (median(residuals(points, &sphere).iter().map(|r| r.abs()).collect()), sphere))
+        .map(|sphere| (upper_median(residuals(points, &sphere).iter().map(|r| r.abs()).collect()), sphere))
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, sphere)| sphere)
 }
@@ -156,7 +158,7 @@ fn residuals(points: &[Vector3<f64>], sphere: &Vector4<f64>) -> Vec<f64> {
 
 /// Robust standard deviation of residuals, never quite zero, so that exact centres are kept.
 fn scale(residuals: &[f64]) -> f64 {
-    (MAD_TO_SIGMA * median(residuals.iter().map(|r| r.abs()).collect())).max(1e-12)
+    (MAD_TO_SIGMA * upper_median(residuals.iter().map(|r| r.abs()).collect())).max(1e-12)
 }
 
 fn is_flat(points: &[Vector3<f64>]) -> bool {
@@ -167,12 +169,7 @@ fn is_flat(points: &[Vector3<f64>]) -> bool {
 }
 
 fn component_median(centres: &[[f64; 3]]) -> Vector3<f64> {
-    Vector3::from_fn(|axis, _| median(centres.iter().map(|centre| centre[axis]).collect()))
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+    Vector3::from_fn(|axis, _| upper_median(centres.iter().map(|centre| centre[axis]).collect()))
 }
 
 #[cfg(test)]

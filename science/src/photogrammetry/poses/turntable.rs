@@ -12,6 +12,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
+use crate::photogrammetry::statistics::median;
+
 /// Rounds of weighting.
 const ROUNDS: usize = 20;
 /// Robust standard deviations of the residual angle beyond which a view counts less, or is an outlier.
@@ -308,14 +310,4 @@ fn circular_median(angles: Vec<f64>) -> f64 {
     let sum = |of: fn(f64) -> f64| angles.iter().map(|angle| of(angle.to_radians())).sum::<f64>();
     let mean = sum(f64::sin).atan2(sum(f64::cos)).to_degrees();
     wrapped(mean + median(angles.iter().map(|angle| wrapped(angle - mean)).collect()))
-}
-
-/// The median; of an even number of values, the mean of the two in the middle.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    match values.len() {
-        0 => 0.0,
-        n if n % 2 == 1 => values[n / 2],
-        n => f64::midpoint(values[n / 2 - 1], values[n / 2]),
-    }
 }

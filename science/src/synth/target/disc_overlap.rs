@@ -2,6 +2,9 @@
 
 use std::f64::consts::PI;
 
+/// Second moment of a pixel, as that of a disc: its radius squared.
+pub(super) const PIXEL_MOMENT: f64 = 1.0 / 3.0;
+
 /// Area shared by two circles of radii `a` and `b` whose centres are `distance` apart.
 pub(super) fn overlap(a: f64, b: f64, distance: f64) -> f64 {
     if distance >= a + b {

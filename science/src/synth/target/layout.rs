@@ -55,6 +55,11 @@ impl DotTarget {
         ]
     }
 
+    /// Px of the reference slice -> grid units from the middle of the grid.
+    pub(super) fn anchor(&self, rig: &Rig) -> Option<Homography> {
+        Homography::from_matrix(&self.to_slice(rig, rig.reference))?.inverse()
+    }
+
     /// Grid units from the middle of the grid -> px of slice `i`.
     pub(super) fn to_slice(&self, rig: &Rig, i: usize) -> Matrix3<f64> {
         let ideal = if self.tilt_deg == [0.0; 2] { self.parallel(rig, i) } else { self.tilted(rig, i) };

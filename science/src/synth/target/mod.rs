@@ -1,5 +1,6 @@
 //! The dot target: its geometry, its rendering, and typical defects of a real setup.
 
+mod beyond;
 mod disc_overlap;
 #[cfg(test)]
 mod fault_tests;
@@ -7,6 +8,7 @@ mod faults;
 mod flaws;
 mod layout;
 mod render;
+mod specks;
 #[cfg(test)]
 mod tests;
 

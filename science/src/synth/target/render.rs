@@ -2,18 +2,16 @@
 
 use std::f64::consts::PI;
 
-use super::disc_overlap::{overlap, overlap_middle, rectangle, wave_left};
+use super::beyond::Beyond;
+use super::disc_overlap::{PIXEL_MOMENT, overlap, overlap_middle, wave_left};
 use super::faults::filmic;
+use super::specks::{Speck, specks};
 use super::{DotTarget, Flaws, Replacement};
 use crate::imaging::{Raster, Samples};
-use crate::synth::noise::{between, fractal, key, uniform};
 use crate::synth::rig::Rig;
 use crate::synth::sensor::expose_as;
 use crate::target::dot_size;
 use crate::types::Homography;
-
-/// Second moment of a pixel, as that of a disc: its radius squared.
-const PIXEL_MOMENT: f64 = 1.0 / 3.0;
 
 /// Slice `i` of a stack of the target: every pixel is the share of its circle of confusion that lies on
 /// dots (overlap of two circles), with the rig's drift, exposure, vignetting and noise.
@@ -246,143 +244,6 @@ impl<'a> Grid<'a> {
         }
         let around = 1.0 + illumination[0] * place[0] + illumination[1] * place[1];
         (self.plate * around + (self.mark - self.plate) * (covered + shaded)).max(0.0)
-    }
-}
-
-/// A dark speck as one slice sees it; all in px.
-struct Speck {
-    at: [f64; 2],
-    radius: f64,
-    blur: f64,
-    darkness: f64,
-}
-
-impl Speck {
-    fn touches_row(&self, y: f64) -> bool {
-        (y - self.at[1]).abs() < self.radius + self.blur
-    }
-
-    /// Share of the light that it takes at `px`.
-    fn shade(&self, px: [f64; 2]) -> f64 {
-        let distance = (px[0] - self.at[0]).hypot(px[1] - self.at[1]);
-        self.darkness * overlap(self.radius, self.blur, distance) / (PI * self.blur * self.blur)
-    }
-}
-
-/// All dust: what lies on the plate moves and blurs with it, what lies on the sensor does neither.
-fn specks(rig: &Rig, target: &DotTarget, i: usize, map: &Homography) -> Vec<Speck> {
-    let flaws = &target.flaws;
-    let number = |kind: u64, index: usize, what: u64| key(&[flaws.seed, kind, index as u64, what]);
-    let on_picture = |kind: u64, index: usize| {
-        [
-            between(number(kind, index, 0), 0.0, rig.width as f64),
-            between(number(kind, index, 1), 0.0, rig.height as f64),
-        ]
-    };
-    let anchor = anchor(rig, target);
-    let plate = (0..flaws.target_dust).filter_map(|index| {
-        let place = anchor?.apply(on_picture(0xd051, index));
-        let at = flaws.faults.distort(rig, map.apply(place));
-        // most specks are small
-        let size = 0.02 + 0.18 * uniform(number(0xd051, index, 2)).powi(3);
-        let blur = (target.blur_at(rig, i, place).powi(2) + PIXEL_MOMENT).sqrt();
-        let darkness = between(number(0xd051, index, 3), 0.3, 0.95);
-        Some(Speck { at, radius: size * map.scale_at(place), blur, darkness })
-    });
-    let sensor = (0..flaws.sensor_dust).map(|index| {
-        let radius = between(number(0xd052, index, 2), 1.5, 7.0);
-        let darkness = between(number(0xd052, index, 3), 0.1, 0.5);
-        Speck { at: on_picture(0xd052, index), radius, blur: 0.6 * radius, darkness }
-    });
-    plate.chain(sensor).collect()
-}
-
-/// Px of the reference slice -> grid units from the middle of the grid.
-fn anchor(rig: &Rig, target: &DotTarget) -> Option<Homography> {
-    Homography::from_matrix(&target.to_slice(rig, rig.reference))?.inverse()
-}
-
-/// What lies beyond the plate, as one slice sees it. All in grid units from the middle of the grid.
-struct Beyond {
-    half: [f64; 2],
-    frame: f64,
-    light: f64,
-    unevenness: f64,
-    seed: u64,
-    /// Radius of the blur in the middle of the plate, px.
-    blur: f64,
-    things: Vec<Thing>,
-}
-
-enum Outline {
-    /// Outer and inner radius.
-    Ring([f64; 2]),
-    /// Half sides, and cosine and sine of the angle.
-    Stick([f64; 2], [f64; 2]),
-}
-
-struct Thing {
-    at: [f64; 2],
-    outline: Outline,
-    light: f64,
-}
-
-impl Beyond {
-    fn new(rig: &Rig, target: &DotTarget, i: usize) -> Option<Self> {
-        let surround = target.flaws.surround?;
-        let seed = target.flaws.seed;
-        let middle = target.middle();
-        let anchor = anchor(rig, target)?;
-        let thing = |index: usize| {
-            let number = |what: u64| key(&[seed, 0x7416, index as u64, what]);
-            let side = |what: u64, size: usize| between(number(what), -0.1, 1.1) * size as f64;
-            let at = anchor.apply([side(0, rig.width), side(1, rig.height)]);
-            let size = 0.15 + 1.6 * uniform(number(2)).powi(2);
-            let turn = between(number(3), 0.0, PI);
-            let outline = match index % 3 {
-                0 => Outline::Ring([size, 0.0]),
-                1 => Outline::Ring([size, 0.5 * size]),
-                _ => Outline::Stick([3.0 * size, 0.2 * size], [turn.cos(), turn.sin()]),
-            };
-            Thing { at, outline, light: between(number(4), 0.03, 0.95) }
-        };
-        Some(Self {
-            half: [middle[0] + surround.margin, middle[1] + surround.margin],
-            frame: surround.frame,
-            light: surround.light,
-            unevenness: surround.unevenness,
-            seed,
-            blur: (target.blur_radius_px(rig, i).powi(2) + PIXEL_MOMENT).sqrt(),
-            things: (0..surround.clutter).map(thing).collect(),
-        })
-    }
-
-    /// `plate` where the plate is, the surround elsewhere.
-    fn around(&self, plate: f64, place: [f64; 2], zoom: f64) -> f64 {
-        const BLACK: f64 = 0.03;
-        let blur = self.blur * zoom;
-        let inside = rectangle(self.half, place, blur);
-        if inside >= 1.0 {
-            return plate;
-        }
-        let texture = f64::from(fractal(self.seed, 0.4 * place[0], 0.4 * place[1], 6, 0.6, 0.8 * blur));
-        let mut light = self.light * (1.0 + self.unevenness * texture).max(0.0);
-        for thing in &self.things {
-            let [x, y] = [place[0] - thing.at[0], place[1] - thing.at[1]];
-            let share = match thing.outline {
-                Outline::Ring([outer, inner]) => {
-                    let distance = x.hypot(y);
-                    (overlap(outer, blur, distance) - overlap(inner, blur, distance)) / (PI * blur * blur)
-                }
-                Outline::Stick(half, [cos, sin]) => rectangle(half, [x * cos + y * sin, y * cos - x * sin], blur),
-            };
-            light += (thing.light - light) * share;
-        }
-        if self.frame > 0.0 {
-            let framed = rectangle(self.half.map(|half| half + self.frame), place, blur);
-            light += (BLACK - light) * framed;
-        }
-        light + (plate - light) * inside
     }
 }
 

@@ -2,7 +2,8 @@
 
 use std::borrow::Cow;
 
-use super::EOI;
+/// Marker of the end of the picture.
+pub(super) const EOI: u8 = 0xD9;
 
 /// Repetitions of the guard: at least 256 bits.
 const REPETITIONS: usize = 32;

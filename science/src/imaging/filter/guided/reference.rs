@@ -1,6 +1,6 @@
 //! The reference kernel: any radius and any `eps`. Sums are `f64`, which represents all occurring integers exactly.
 
-use super::{Guide, RowWindow, SCALE, clip};
+use super::window::{Guide, Padding, RowWindow, SCALE, clip};
 use crate::imaging::{Plane, Rect};
 
 /// `a` and `b` are stored in units of 2^-18: they are below 8192 for every allowed `eps` (|a| <= 1/(4 sqrt eps)).
@@ -141,19 +141,6 @@ fn window_line(sums: &Sums, eps: f64) -> Line {
     let a = covariance * SCALE / (variance + eps * (n * SCALE) * (n * SCALE));
     let b = (p - a * i / SCALE) / n;
     Line { a: (a * UNIT).round() as i32, b: (b * UNIT).round() as i32 }
-}
-
-/// Offset of the column sums in a buffer that extends beyond both edges of the image by the radius.
-struct Padding {
-    left: usize,
-    length: usize,
-}
-
-impl Padding {
-    /// For windows of `radius` around the columns of `centres`, with sums of the columns of `taps`.
-    fn new(centres: Rect, taps: Rect, radius: usize) -> Self {
-        Self { left: radius - (centres.x - taps.x), length: centres.width + 2 * radius }
-    }
 }
 
 /// Calls `each(x, sums)` with the sums of `columns[x..=x + 2 * radius]` for `x` in `0..count`.

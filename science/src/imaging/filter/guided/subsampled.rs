@@ -8,25 +8,23 @@
 //! The origin of a tile must be a multiple of [`CELL`], so that its cells are those of the whole image. All sums are
 //! integers: neither tiling nor vector instructions change a bit.
 
-use super::{Guide, SCALE, clip};
+mod cell_window;
+mod kernels;
+
+pub(super) use cell_window::CELL;
+
+use super::window::{Guide, SCALE, clip};
 use crate::imaging::{
     Plane, Rect,
     simd::{self, Avx2},
 };
+use cell_window::CellWindow;
+use kernels::{UNIT, between, lines, spread, sum_cells};
 
-/// Side of a cell, px.
-pub(super) const CELL: usize = 4;
 /// Supported radii, px: large compared with a cell, and small enough for sums of squares of 52 bits.
 const RADII: std::ops::RangeInclusive<usize> = 24..=63;
 /// Smallest supported `eps`: below it the coefficients vary too much within a cell.
 const LEAST_EPS: f64 = 0.05;
-/// Coefficients are stored in units of 2^-20.
-const UNIT: f64 = 1_048_576.0;
-const TWO_52: f64 = 4_503_599_627_370_496.0;
-const TWO_52_BITS: u64 = 0x4330_0000_0000_0000;
-/// Adding this to a number below 2^31 rounds it to an integer, which is in the low bits of the sum.
-const ROUNDER: f64 = 1.5 * TWO_52;
-
 /// The kernel and its buffers.
 #[derive(Debug)]
 pub(super) struct Subsampled {
@@ -57,86 +55,6 @@ pub(super) struct Subsampled {
 struct Buffers {
     grey: [Vec<u16>; CELL],
     map: [Vec<bool>; CELL],
-}
-
-/// A window of `2 whole + 1` cells, and `edge` eighths of the next cells on both sides.
-#[derive(Debug, Clone)]
-struct CellWindow {
-    whole: usize,
-    edge: u64,
-    down: Vec<u64>,
-    weighted: Vec<u64>,
-    running: Vec<u64>,
-}
-
-impl CellWindow {
-    fn new(radius: usize) -> Self {
-        let side = 2 * radius + 1;
-        let whole = (side / CELL - 1) / 2;
-        let edge = (side - CELL * (2 * whole + 1)) as u64;
-        Self { whole, edge, down: Vec::new(), weighted: Vec::new(), running: Vec::new() }
-    }
-
-    /// Radius of the window, cells.
-    fn reach(&self) -> usize {
-        self.whole + 1
-    }
-
-    /// Sums of `source` (the cells `from`) over the windows around the cells `to`, times 64. Cells outside `from` count
-    /// as zero.
-    fn sums(&mut self, simd: Option<Avx2>, source: &[u64], from: Rect, to: Rect, out: &mut Vec<u64>) {
-        let (reach, edge) = (self.reach(), self.edge);
-        let Self { whole, down, weighted, running, .. } = self;
-        let padded = to.width + 2 * reach;
-        // index of the first column of `from` among the columns of all windows
-        let left = from.x + reach - to.x;
-        down.clear();
-        down.resize(from.width, 0);
-        weighted.clear();
-        weighted.resize(padded, 0);
-        running.resize(padded + 1, 0);
-        out.resize(to.width * to.height, 0);
-        let row = |y: usize| &source[(y - from.y) * from.width..][..from.width];
-        let end = from.y + from.height;
-        let mut held = from.y..from.y;
-        for (y, out) in (to.y..).zip(out.chunks_exact_mut(to.width.max(1))) {
-            let wanted = y.saturating_sub(*whole).max(from.y)..(y + *whole + 1).min(end);
-            for y in held.end..wanted.end {
-                down.iter_mut().zip(row(y)).for_each(|(sum, v)| *sum = sum.wrapping_add(*v));
-            }
-            for y in held.start..wanted.start {
-                down.iter_mut().zip(row(y)).for_each(|(sum, v)| *sum = sum.wrapping_sub(*v));
-            }
-            held = wanted;
-            let inner = &mut weighted[left..left + from.width];
-            inner.iter_mut().zip(&*down).for_each(|(weighted, sum)| *weighted = sum << 3);
-            for y in [y.checked_sub(reach), Some(y + reach)].into_iter().flatten() {
-                if (from.y..end).contains(&y) {
-                    inner.iter_mut().zip(row(y)).for_each(|(sum, v)| *sum = sum.wrapping_add(v.wrapping_mul(edge)));
-                }
-            }
-            simd::prefix_u64(simd, weighted, running);
-            let (weighted, running) = (&*weighted, &*running);
-            simd::run(
-                simd,
-                #[inline(always)]
-                || across(weighted, running, reach, edge, out),
-            );
-        }
-    }
-}
-
-/// Sums along a row of cells.
-#[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
-fn across(weighted: &[u64], running: &[u64], reach: usize, edge: u64, out: &mut [u64]) {
-    let count = out.len();
-    let (first, last) = (&weighted[..count], &weighted[2 * reach..][..count]);
-    let (start, end) = (&running[1..][..count], &running[2 * reach..][..count]);
-    for x in 0..count {
-        let edges = first[x].wrapping_add(last[x]).wrapping_mul(edge);
-        out[x] = (end[x].wrapping_sub(start[x]) << 3).wrapping_add(edges);
-    }
 }
 
 impl Subsampled {
@@ -325,79 +243,5 @@ impl Subsampled {
         let valid = clip(&guide.valid[y], inner.x, inner.width);
         out[..valid.start].fill(0.0);
         out[valid.end..].fill(0.0);
-    }
-}
-
-/// Between the middles of which cells a pixel lies: the first of them, and the share of the second.
-fn between(y: usize) -> (isize, f32) {
-    let first = (y + CELL / 2) / CELL;
-    (first as isize - 1, SHARES[(y + CELL / 2) % CELL])
-}
-
-/// Shares of the second of two cells in the pixels between their middles.
-const SHARES: [f32; CELL] = [0.125, 0.375, 0.625, 0.875];
-
-#[inline(always)]
-fn spread(cells: &[f32], out: &mut [f32]) {
-    for (out, pair) in out.as_chunks_mut::<CELL>().0.iter_mut().zip(cells.windows(2)) {
-        *out = SHARES.map(|share| pair[0] + share * (pair[1] - pair[0]));
-    }
-}
-
-/// Cells that are summed up at a time.
-const REGION: usize = 8;
-
-/// Sums of `I`, `I p`, `p` and `I^2` over the cells of four rows.
-#[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
-fn sum_cells(grey: [&[u16]; CELL], map: [&[bool]; CELL], [i, ip, p, ii]: [&mut [u64]; 4]) {
-    let mut x = 0;
-    while x < i.len() {
-        let cells = REGION.min(i.len() - x);
-        let (mut of_i, mut of_ip, mut of_p, mut of_ii) =
-            ([0u32; REGION * CELL], [0u32; REGION * CELL], [0u32; REGION * CELL], [0u64; REGION * CELL]);
-        for (grey, map) in grey.iter().zip(&map) {
-            let (grey, map) = (&grey[x * CELL..(x + cells) * CELL], &map[x * CELL..(x + cells) * CELL]);
-            for k in 0..cells * CELL {
-                let (value, inside) = (u32::from(grey[k]), u32::from(map[k]));
-                of_i[k] += value;
-                of_p[k] += inside;
-                of_ip[k] += value & 0u32.wrapping_sub(inside);
-            }
-            for k in 0..cells * CELL {
-                of_ii[k] += u64::from(grey[k]) * u64::from(grey[k]);
-            }
-        }
-        for cell in 0..cells {
-            let of = |sums: &[u32; REGION * CELL]| u64::from(sums[cell * CELL..(cell + 1) * CELL].iter().sum::<u32>());
-            (i[x + cell], ip[x + cell], p[x + cell]) = (of(&of_i), of(&of_ip), of(&of_p));
-            ii[x + cell] = of_ii[cell * CELL..(cell + 1) * CELL].iter().sum();
-        }
-        x += cells;
-    }
-}
-
-/// Coefficients of windows from their sums, times the number of valid pixels of the cell in the middle.
-#[inline(always)]
-#[allow(clippy::needless_range_loop, reason = "one index for several arrays")]
-fn lines([i, ip, p, ii, n]: [&[u64]; 5], own: &[u64], eps: f64, a: &mut [u64], b: &mut [u64]) {
-    let count = a.len();
-    let (i, ip, p, ii, n) = (&i[..count], &ip[..count], &p[..count], &ii[..count], &n[..count]);
-    let (own, b) = (&own[..count], &mut b[..count]);
-    // below 2^52
-    let float = |value: u64| f64::from_bits(TWO_52_BITS | value) - TWO_52;
-    let (scaled_eps, scaled_unit) = (eps * SCALE * SCALE, SCALE * UNIT);
-    for x in 0..count {
-        let (i, ip, p, ii, n) = (float(i[x]), float(ip[x]), float(p[x]), float(ii[x]), float(n[x]));
-        // where the map is the same everywhere both products are the same, bit for bit, and a = 0
-        let covariance = n * ip - i * p;
-        let variance = n * ii - i * i;
-        let divisor = variance + scaled_eps * (n * n);
-        let divisor = if n > 0.0 { divisor } else { 1.0 };
-        let slope = covariance * scaled_unit / divisor;
-        let offset = (p * UNIT - slope * i * (1.0 / SCALE)) / if n > 0.0 { n } else { 1.0 };
-        let whole = |value: f64| i64::from((value + ROUNDER).to_bits() as i32).cast_unsigned();
-        a[x] = whole(slope).wrapping_mul(own[x]);
-        b[x] = whole(offset).wrapping_mul(own[x]);
     }
 }

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use serde::Deserialize;
 
 use super::{
-    Found,
+    found::Found,
     json::{Id, Number, bounded, parse, rows, transposed},
 };
 use crate::{photogrammetry::poses::Pose, types::Error};

@@ -3,7 +3,7 @@
 //!
 //! <https://colmap.github.io/format.html#binary-file-format>
 
-use super::{Found, MAX_NAME, colmap_pose};
+use super::found::{Found, MAX_NAME, colmap_pose};
 use crate::{photogrammetry::poses::invalid, types::Error};
 
 /// Size of a point: two coordinates and the id of its 3D point.

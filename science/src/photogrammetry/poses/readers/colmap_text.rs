@@ -5,7 +5,7 @@
 //! A line of `points3D.txt` has nine numbers, too. So the ids must be whole numbers, the quaternion of length 1, and
 //! the name more than numbers.
 
-use super::{Found, colmap_pose, shown};
+use super::found::{Found, colmap_pose, shown};
 use crate::{photogrammetry::poses::invalid, types::Error};
 
 /// Values of a line of an image without blanks in its name.

@@ -3,7 +3,7 @@
 
 use std::io::{self, Read};
 
-use super::{Found, shown};
+use super::found::{Found, shown};
 use crate::{
     photogrammetry::poses::{Pose, invalid},
     types::Error,

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use nalgebra::{Matrix3, Vector3};
 use roxmltree::{Document, Node, ParsingOptions};
 
-use super::Found;
+use super::found::Found;
 use crate::{
     photogrammetry::poses::{Pose, invalid},
     types::Error,

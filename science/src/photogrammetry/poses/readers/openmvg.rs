@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use serde::Deserialize;
 
 use super::{
-    Found,
+    found::Found,
     json::{Id, Number, bounded, parse},
 };
 use crate::{photogrammetry::poses::Pose, types::Error};

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::{
-    surface::Surface,
+    surface::{Surface, common_tilt},
     types::{LengthUnit, ScaleReport, ScaleSource, SurfaceKind},
 };
 use crate::{
@@ -77,11 +77,4 @@ fn refused(parameter: &str, detail: String) -> Error {
     let place =
         ErrorLocation { detail: detail.clone(), pointer: Some(parameter.to_owned()), ..ErrorLocation::default() };
     Error::new(ErrorKind::InvalidParameter, detail).at(place)
-}
-
-/// The tilt that all views with angles have, degrees.
-pub(super) fn common_tilt(commanded: &[Option<[f64; 2]>]) -> Option<f64> {
-    let mut tilts = commanded.iter().flatten().map(|[_, tilt]| *tilt);
-    let first = tilts.next()?;
-    tilts.all(|tilt| (tilt - first).abs() < 0.01).then_some(first)
 }

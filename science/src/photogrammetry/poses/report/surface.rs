@@ -2,10 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{
-    scale::common_tilt,
-    types::{SurfaceKind, SurfaceReport},
-};
+use super::types::{SurfaceKind, SurfaceReport};
 use crate::{
     photogrammetry::poses::{
         Pose,
@@ -130,4 +127,11 @@ impl Surface {
 /// Whether all commanded tilts that are known are equal.
 fn have_one_tilt(commanded: &[Option<[f64; 2]>]) -> bool {
     common_tilt(commanded).is_some() || commanded.iter().all(Option::is_none)
+}
+
+/// The tilt that all views with angles have, degrees.
+pub(super) fn common_tilt(commanded: &[Option<[f64; 2]>]) -> Option<f64> {
+    let mut tilts = commanded.iter().flatten().map(|[_, tilt]| *tilt);
+    let first = tilts.next()?;
+    tilts.all(|tilt| (tilt - first).abs() < 0.01).then_some(first)
 }

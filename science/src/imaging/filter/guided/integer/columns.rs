@@ -2,22 +2,6 @@
 
 use std::ops::Range;
 
-use crate::imaging::Rect;
-
-/// Offset of the column sums in a buffer that extends beyond both edges of the image by the radius.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Padding {
-    pub(super) left: usize,
-    pub(super) length: usize,
-}
-
-impl Padding {
-    /// For windows of `radius` around the columns of `centres`, with sums of the columns of `taps`.
-    pub(super) fn new(centres: Rect, taps: Rect, radius: usize) -> Self {
-        Self { left: radius - (centres.x - taps.x), length: centres.width + 2 * radius }
-    }
-}
-
 /// Sums of `I`, `I p`, `p` and `I^2` per column.
 #[derive(Debug, Default)]
 pub(super) struct Columns {

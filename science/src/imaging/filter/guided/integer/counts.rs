@@ -2,8 +2,10 @@
 
 use std::ops::Range;
 
-use super::columns::Padding;
-use crate::imaging::simd::{self, Avx2};
+use crate::imaging::{
+    filter::guided::window::Padding,
+    simd::{self, Avx2},
+};
 
 /// The number of valid pixels in each window of a row.
 #[derive(Debug, Default)]

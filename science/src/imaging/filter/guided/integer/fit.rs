@@ -4,23 +4,17 @@ use std::ops::Range;
 
 use super::{
     super::{
-        Guide, RowWindow, SCALE, clip,
         constant_regions::{MapValue, regions_of},
+        window::{Guide, RowWindow, SCALE, clip, float, rounded},
     },
-    Geometry, Lines,
     columns::{Columns, add, exchange},
     counts::Counts,
+    geometry::{Geometry, Lines},
 };
 use crate::imaging::{
     Plane,
     simd::{self, Avx2},
 };
-
-/// 2^52, and its bits. OR-ing an integer below 2^52 into the bits adds it.
-const TWO_52: f64 = 4_503_599_627_370_496.0;
-const TWO_52_BITS: u64 = 0x4330_0000_0000_0000;
-/// 1.5 * 2^52. Adding this to a number below 2^31 rounds it to an integer, which is in the low bits of the sum.
-const ROUNDER: f64 = 1.5 * TWO_52;
 
 /// Fits coefficients row by row, from the top down.
 #[derive(Debug)]
@@ -53,9 +47,35 @@ impl Fit {
         guide: Guide<'_>,
         map: &Plane<bool>,
         y: usize,
-        Geometry { centres, taps, fit_pad: pad, whole, .. }: Geometry,
+        geometry: Geometry,
         rows: &mut RowWindow,
-        Lines { a, b, values }: &mut Lines,
+        out: &mut Lines,
+    ) {
+        let Geometry { centres, taps, fit_pad: pad, whole, .. } = geometry;
+        self.slide(guide, map, y, geometry, rows);
+        match whole {
+            true => self.counts.whole(rows.rows.len(), pad, self.radius, taps.width),
+            false => self.counts.window(self.simd, self.radius),
+        }
+        self.find_constant_regions(geometry, rows.rows.len(), &mut out.values);
+        self.fit(centres.width, out);
+        if !whole {
+            let valid = clip(&guide.valid[y], centres.x, centres.width);
+            for line in [&mut out.a, &mut out.b] {
+                line[..valid.start].fill(0);
+                line[valid.end..].fill(0);
+            }
+        }
+    }
+
+    /// Moves the column sums to the window of row `y`.
+    fn slide(
+        &mut self,
+        guide: Guide<'_>,
+        map: &Plane<bool>,
+        y: usize,
+        Geometry { taps, fit_pad: pad, whole, .. }: Geometry,
+        rows: &mut RowWindow,
     ) {
         let simd = self.simd;
         rows.exchange(y, |enters, leaves| {
@@ -98,14 +118,17 @@ impl Fit {
                 }
             }
         });
-        match whole {
-            true => self.counts.whole(rows.rows.len(), pad, self.radius, taps.width),
-            false => self.counts.window(simd, self.radius),
-        }
-        let (span, rows) = (2 * self.radius + 1, rows.rows.len());
-        a.resize(centres.width, 0);
-        b.resize(centres.width, 0);
-        simd::prefix_u32(simd, &self.columns.p, &mut self.running.p);
+    }
+
+    /// Which value the map has in the windows of each region, by prefix sums of `p`.
+    fn find_constant_regions(
+        &mut self,
+        Geometry { centres, taps, fit_pad: pad, whole, .. }: Geometry,
+        rows: usize,
+        values: &mut Vec<MapValue>,
+    ) {
+        let span = 2 * self.radius + 1;
+        simd::prefix_u32(self.simd, &self.columns.p, &mut self.running.p);
         values.clear();
         values.extend(regions_of(centres.width).map(|part| {
             let (start, end) = (part.start, part.end - 1 + span);
@@ -116,13 +139,20 @@ impl Fit {
                 _ => MapValue::Mixed,
             }
         }));
+    }
+
+    /// The coefficients of a row of `width` windows whose regions have `values`.
+    fn fit(&mut self, width: usize, Lines { a, b, values }: &mut Lines) {
+        let (simd, span) = (self.simd, 2 * self.radius + 1);
+        a.resize(width, 0);
+        b.resize(width, 0);
         if values.contains(&MapValue::Mixed) {
             simd::prefix_u32(simd, &self.columns.i, &mut self.running.i);
             simd::prefix_u32(simd, &self.columns.ip, &mut self.running.ip);
             simd::prefix_u64(simd, &self.columns.ii, &mut self.running.ii);
         }
         let (running, counts, eps, unit) = (&self.running, &self.counts, self.eps, self.unit);
-        for (part, value) in regions_of(centres.width).zip(values.iter()) {
+        for (part, value) in regions_of(width).zip(values.iter()) {
             let (a, b) = (&mut a[part.clone()], &mut b[part.clone()]);
             match value {
                 MapValue::Zero => {
@@ -141,13 +171,6 @@ impl Fit {
                         || lines(running, part.start, span, counts, eps, unit, (a, b)),
                     );
                 }
-            }
-        }
-        if !whole {
-            let valid = clip(&guide.valid[y], centres.x, centres.width);
-            for line in [a, b] {
-                line[..valid.start].fill(0);
-                line[valid.end..].fill(0);
             }
         }
     }
@@ -178,7 +201,7 @@ fn lines(
         let ip = f64::from(ip1[x].wrapping_sub(ip0[x]));
         let p = f64::from(p1[x].wrapping_sub(p0[x]));
         // below 2^48
-        let ii = f64::from_bits(TWO_52_BITS | ii1[x].wrapping_sub(ii0[x])) - TWO_52;
+        let ii = float(ii1[x].wrapping_sub(ii0[x]));
         let n = n[x];
         // both numerators are differences of integers, so a constant map gives exactly a = 0
         let covariance = n * ip - i * p;
@@ -188,7 +211,7 @@ fn lines(
         let divisor = if n > 0.0 { divisor } else { 1.0 };
         let slope = covariance * scaled_unit / divisor;
         let offset = (p * unit - slope * i * (1.0 / SCALE)) * share[x];
-        a[x] = (slope + ROUNDER).to_bits() as u32;
-        b[x] = (offset + ROUNDER).to_bits() as u32;
+        a[x] = rounded(slope).cast_unsigned();
+        b[x] = rounded(offset).cast_unsigned();
     }
 }

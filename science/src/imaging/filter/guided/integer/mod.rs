@@ -8,14 +8,16 @@
 mod columns;
 mod counts;
 mod fit;
+mod geometry;
 
-use columns::{Padding, exchange_row};
+use columns::exchange_row;
 use counts::Counts;
 use fit::Fit;
+use geometry::{Geometry, Lines};
 
 use super::{
-    Guide, RowWindow, SCALE, clip,
     constant_regions::{MapValue, RegionCounts, regions_of},
+    window::{Guide, Padding, RowWindow, SCALE, clip},
 };
 use crate::imaging::{
     Plane, Rect,
@@ -42,14 +44,6 @@ pub(super) struct Integer {
     rows: Option<Progress>,
 }
 
-/// Coefficients of the windows centred on a row.
-#[derive(Debug, Default)]
-struct Lines {
-    a: Vec<u32>,
-    b: Vec<u32>,
-    values: Vec<MapValue>,
-}
-
 /// The state of a pass over the rows.
 #[derive(Debug)]
 struct Progress {
@@ -57,21 +51,6 @@ struct Progress {
     next: usize,
     fitted: RowWindow,
     averaged: RowWindow,
-}
-
-/// The rectangles of a pass.
-#[derive(Debug, Clone, Copy)]
-struct Geometry {
-    /// Pixels of the results.
-    inner: Rect,
-    /// Centres of the windows whose coefficients are averaged.
-    centres: Rect,
-    /// Pixels in those windows.
-    taps: Rect,
-    fit_pad: Padding,
-    mean_pad: Padding,
-    /// Whether all pixels of `taps` are valid.
-    whole: bool,
 }
 
 impl Integer {
