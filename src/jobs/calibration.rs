@@ -27,7 +27,7 @@ use pinstack_science::{
     archive::{self, ArchiveLimits},
     calibration::{self, Calibration},
     imaging::{Slices, codec::Metadata},
-    types::{Control, Warning, calibration_options::Keep, profile::ProfileInput},
+    types::{Control, Warning, WarningCode, calibration_options::Keep, profile::ProfileInput},
 };
 
 /// Stages of the measurement with their weights.
@@ -77,7 +77,7 @@ pub fn run(
     });
     let mut warnings = archive.warnings().to_vec();
     if draft.is_none() {
-        warnings.push(Warning::new("profile_not_kept", not_kept(keep)));
+        warnings.push(Warning::new(WarningCode::ProfileNotKept, not_kept(keep)));
     }
     warnings.extend(measured.warnings);
     let outcome = JobOutcome::Calibration(CalibrationOutcome {

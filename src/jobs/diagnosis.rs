@@ -5,7 +5,7 @@ use pinstack_science::{
     calibration,
     imaging::{Raster, thumbnail},
     segmentation,
-    types::{Cancelled, Control, Warning},
+    types::{Cancelled, Control, Warning, WarningCode},
 };
 
 /// Longer side of the reduced pictures that are examined, px. That of the back light is kept until the front light is
@@ -13,8 +13,13 @@ use pinstack_science::{
 const SIDE: usize = 1_200;
 
 /// Warnings that a mask made from the wrong light causes. They are removed when the lights are found to be exchanged.
-const CAUSED_BY_EXCHANGED_LIGHTS: [&str; 5] =
-    ["mask_translucent", "mask_low_separability", "mask_uneven_light", "mask_inverted", "mask_touches_border"];
+const CAUSED_BY_EXCHANGED_LIGHTS: [WarningCode; 5] = [
+    WarningCode::MaskTranslucent,
+    WarningCode::MaskLowSeparability,
+    WarningCode::MaskUnevenLight,
+    WarningCode::MaskInverted,
+    WarningCode::MaskTouchesBorder,
+];
 
 /// The reduced back light that [`examine`] needs.
 pub(super) fn reduced_back_light(back: &Raster) -> Raster {
@@ -39,8 +44,8 @@ pub(super) fn examine(
         if mode == MaskMode::Required {
             return Err(Fault::new(Code::MaskFailed, format!("mask=required, but {detail}")).into());
         }
-        warnings.retain(|warning| !CAUSED_BY_EXCHANGED_LIGHTS.contains(&warning.code.as_str()));
-        warnings.push(Warning::new("lights_exchanged", detail));
+        warnings.retain(|warning| !CAUSED_BY_EXCHANGED_LIGHTS.contains(&warning.code));
+        warnings.push(Warning::new(WarningCode::LightsExchanged, detail));
     }
     warnings.extend(dot_target(&front, control)?);
     Ok(())
@@ -54,7 +59,7 @@ fn dot_target(front: &Raster, control: &dyn Control) -> Result<Option<Warning>, 
             "the stack shows a dot target (a grid of {dots} dots): to calibrate with it, send the zip to \
              POST /v1/profiles/{{rig}}/{{lens}}/calibrations"
         );
-        Warning::new("dot_target", detail)
+        Warning::new(WarningCode::DotTarget, detail)
     }))
 }
 

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use crate::contract::input::InputBits;
 use pinstack_science::{
     imaging::{Raster, Samples, Slices},
-    types::{Error, ErrorKind, Warning},
+    types::{Error, ErrorKind, Warning, WarningCode},
 };
 
 /// Full scale of 16 bits.
@@ -85,7 +85,7 @@ pub(super) fn warning(lights: &[&FullScaleSlices<'_>]) -> Option<Warning> {
          meant to be this dark",
         100.0 * f64::from(brightest) / f64::from(FULL_SCALE)
     );
-    Some(Warning::new("unused_input_bits", detail))
+    Some(Warning::new(WarningCode::UnusedInputBits, detail))
 }
 
 #[cfg(test)]

@@ -24,7 +24,7 @@ use pinstack_science::{
         compositing, padding, thumbnail,
     },
     segmentation::Silhouette,
-    types::{Control, Warning, intrinsics::Intrinsics, profile::ProfileInput},
+    types::{Control, Warning, WarningCode, intrinsics::Intrinsics, profile::ProfileInput},
 };
 
 /// JPEG quality of the preview: artefacts are hardly visible at 1:1.
@@ -167,7 +167,7 @@ pub(super) fn dropped_focal_length(source: &Metadata, profile: &ProfileInput) ->
     let dropped = profile.principal_distance_mm.is_none() && source.has_focal_length();
     dropped.then(|| {
         Warning::new(
-            "focal_length_dropped",
+            WarningCode::FocalLengthDropped,
             "the slices carry the focal length of the lens, but the image does not: photogrammetry needs the principal \
              distance f (1 + M), which the profile lacks; calibrate with focal_mm, target_pitch_mm and pixel_pitch_mm, or PUT \
              the profile with principal_distance_mm and pixel_pitch_mm",

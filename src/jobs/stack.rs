@@ -34,7 +34,7 @@ use pinstack_science::{
     quality::VERSIONS,
     segmentation::{Silhouette, segment},
     types::{
-        Control, Warning,
+        Control, Warning, WarningCode,
         fusion_options::GuidedParams,
         metrics::{Metrics, Severity, StageTime, Timing},
     },
@@ -45,7 +45,7 @@ const READ: f64 = 0.02;
 const FUSED: f64 = 0.9;
 /// Warnings of the back light's fusion that do not concern the silhouette: its white ground is saturated on purpose,
 /// and what it does not cover, the front light does not cover either.
-const IGNORED_FOR_BACK_LIGHT: [&str; 2] = ["fusion_overshoot", "canvas_not_covered"];
+const IGNORED_FOR_BACK_LIGHT: [WarningCode; 2] = [WarningCode::FusionOvershoot, WarningCode::CanvasNotCovered];
 
 /// Runs the job.
 ///
@@ -104,7 +104,7 @@ pub fn run(
             require_useful(&silhouette)?;
         }
         written.push(artifact?);
-        warnings.extend(back.warnings.into_iter().filter(|w| !IGNORED_FOR_BACK_LIGHT.contains(&w.code.as_str())));
+        warnings.extend(back.warnings.into_iter().filter(|w| !IGNORED_FOR_BACK_LIGHT.contains(&w.code)));
         warnings.extend_from_slice(&silhouette.warnings);
         back_light = Some(diagnosis::reduced_back_light(&back.image));
         phase.progress("masking", 1, 1);
@@ -144,7 +144,7 @@ pub fn run(
     let metrics = metrics(front, silhouette, times);
     // notes stay in the metrics; only findings of the severity `warning` are warnings of the job
     let serious = metrics.findings.iter().filter(|finding| finding.severity == Severity::Warning);
-    warnings.extend(serious.map(|finding| Warning::new(&finding.code, finding.detail.clone())));
+    warnings.extend(serious.map(|finding| Warning::new(finding.code.clone(), finding.detail.clone())));
     let (artifacts, files) = written.into_iter().unzip();
     let software = Some(SOFTWARE.to_owned());
     let outcome = JobOutcome::Stack(StackOutcome { artifacts, image, height, metrics, software });
@@ -156,7 +156,7 @@ fn unused_parameters(plan: &Plan) -> Option<Warning> {
     let unused = !plan.method.uses_guided_params() && plan.params != GuidedParams::default();
     unused.then(|| {
         Warning::new(
-            "unused_parameters",
+            WarningCode::UnusedParameters,
             "r1, eps1, r2, eps2, average, r_g and sigma_g are parameters of method=guided and have no effect on the method \
              of this stack; send method=guided to use them",
         )
@@ -178,7 +178,7 @@ fn wants_mask(mode: MaskMode, archive: &StackArchive) -> Result<bool, Fault> {
 
 /// Refuses an empty or full mask where a mask is required.
 fn require_useful(silhouette: &Silhouette) -> Result<(), Fault> {
-    let is_fatal = |warning: &&Warning| ["mask_empty", "mask_full"].contains(&warning.code.as_str());
+    let is_fatal = |warning: &&Warning| matches!(warning.code, WarningCode::MaskEmpty | WarningCode::MaskFull);
     match silhouette.warnings.iter().find(is_fatal) {
         None => Ok(()),
         Some(warning) => {

@@ -7,7 +7,7 @@ use pinstack::{
     store::{Finish, Job, ProfileDraft, blobs::result_key},
 };
 use pinstack_science::types::{
-    Homography, Warning,
+    Homography, Warning, WarningCode,
     profile::{HomographyModel, ProfileInput, ProfileSlice},
     report::{CalibrationReport, CameraReport, CaptureReport, DotReport, Grade, SliceReport, TargetReport},
 };
@@ -51,7 +51,7 @@ fn report(shift: f64) -> CalibrationReport {
         reference_index: 1,
         verdict: "Good: the image corners are good to 0.10 px".into(),
         grade: Grade::Good,
-        findings: vec![Warning::new("clipped_white", format!("the white is clipped in {HOSTILE}"))],
+        findings: vec![Warning::new(WarningCode::ClippedWhite, format!("the white is clipped in {HOSTILE}"))],
         target: TargetReport {
             pitch_px: 5.0,
             pitch_mm: None,

@@ -21,6 +21,7 @@ use std::{
     process::Command,
 };
 
+use pinstack_science::types::WarningCode;
 use tempfile::TempDir;
 
 fn project() -> &'static Path {
@@ -161,6 +162,10 @@ fn every_warning_of_the_metrics_is_explained() {
     assert!(codes.len() > 30, "{codes:?}");
     let missing: Vec<_> = codes.iter().filter(|code| !explained.contains(&format!("\n### `{code}`\n"))).collect();
     assert!(missing.is_empty(), "TROUBLESHOOTING.md does not explain {missing:?}");
+    let headings = explained.lines().filter_map(|line| line.strip_prefix("### `")?.strip_suffix('`'));
+    let named = codes.iter().map(String::as_str).chain(headings);
+    let unknown: Vec<_> = named.filter(|code| !WarningCode::ALL.iter().any(|known| known == code)).collect();
+    assert!(unknown.is_empty(), "no warning has the code {unknown:?}");
 }
 
 #[test]

@@ -135,6 +135,6 @@ fn main() -> ExitCode {
 
 /// All codes that the service would show.
 fn reported(fused: &Fused) -> Vec<String> {
-    let findings = fused.quality.iter().flat_map(|quality| &quality.findings).map(|finding| finding.code.clone());
-    findings.chain(fused.warnings.iter().map(|warning| warning.code.clone())).collect()
+    let findings = fused.quality.iter().flat_map(|quality| &quality.findings).map(|finding| finding.code.to_string());
+    findings.chain(fused.warnings.iter().map(|warning| warning.code.to_string())).collect()
 }

@@ -38,7 +38,7 @@ pub fn silhouette(make: Exposure) -> (Raster, Raster, Vec<String>) {
             pixel.fill(0);
         }
     }
-    (light.image, cut_out, found.warnings.into_iter().map(|warning| warning.code).collect())
+    (light.image, cut_out, found.warnings.into_iter().map(|warning| warning.code.to_string()).collect())
 }
 
 fn mixed(back: &Raster, front: &Raster, make: Exposure) -> Raster {

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     imaging::{Slices, codec::Header},
-    types::{Error, ErrorKind, Warning, error::ErrorLocation},
+    types::{Error, ErrorKind, Warning, WarningCode, error::ErrorLocation},
 };
 
 /// Properties of the whole stack.
@@ -69,8 +69,8 @@ pub(super) fn check(
     let bits = |h: &Header| format!("has {} bits per sample", h.bit_depth);
     let colour = |h: &Header| if h.channels == 1 { "is grey" } else { "is in colour" }.to_owned();
     let lights = [front_found, back_found];
-    warnings.extend(lights.iter().filter_map(|found| mixed("mixed_bit_depth", "in bit depth", found, bits)));
-    warnings.extend(lights.iter().filter_map(|found| mixed("mixed_colour", "in colour", found, colour)));
+    warnings.extend(lights.iter().filter_map(|found| mixed(WarningCode::MixedBitDepth, "in bit depth", found, bits)));
+    warnings.extend(lights.iter().filter_map(|found| mixed(WarningCode::MixedColour, "in colour", found, colour)));
     let orientation = usual(&found, |header| header.orientation).unwrap_or(1);
     Ok(Common { width, height, bit_depth, channels, orientation })
 }
@@ -103,13 +103,13 @@ fn warn_of_times(found: &[Found<'_>], is_listed: bool, warnings: &mut Vec<Warnin
             "the slices were not taken in the order in which they are used: by its EXIF time {first} was taken before \
              {second}; if {advice}"
         );
-        warnings.push(Warning::new("order_contradicts_times", detail));
+        warnings.push(Warning::new(WarningCode::OrderContradictsTimes, detail));
     }
 }
 
 /// A warning when slices of one light differ `in_what`. Names the first two slices of which `clause` says different
 /// things.
-fn mixed(code: &str, in_what: &str, found: &[Found<'_>], clause: impl Fn(&Header) -> String) -> Option<Warning> {
+fn mixed(code: WarningCode, in_what: &str, found: &[Found<'_>], clause: impl Fn(&Header) -> String) -> Option<Warning> {
     let first = found.first()?;
     let is = clause(&first.header);
     let (other, other_is) = found.iter().map(|f| (f, clause(&f.header))).find(|(_, clause)| *clause != is)?;

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     imaging::codec,
-    types::{Error, ErrorKind, Warning, profile::MAX_SLICES},
+    types::{Error, ErrorKind, Warning, WarningCode, profile::MAX_SLICES},
 };
 
 /// Finds the slices, groups them by light and orders them.
@@ -88,7 +88,7 @@ fn warn_of_names(members: &[Member], warnings: &mut Vec<Warning>) {
     let unclear: Vec<&str> = members.iter().filter(|m| m.unclear_name).map(|m| m.name.as_str()).collect();
     if !unclear.is_empty() {
         warnings.push(Warning::new(
-            "unclear_file_names",
+            WarningCode::UnclearFileNames,
             format!(
                 "{}: the zip does not specify the code page of these names, so letters may be wrong; digits, and so the \
                  order, are correct; make the zip with UTF-8 names (7-Zip: -mcu=on)",
@@ -130,7 +130,7 @@ pub(super) fn split(members: Vec<Member>, warnings: &mut Vec<Warning>) -> Result
     if !split.raw.is_empty() {
         let names = listed(split.raw.iter().map(|member| member.name.as_str()));
         warnings.push(Warning::new(
-            "raw_passed_over",
+            WarningCode::RawPassedOver,
             format!("{names}: camera raw files were ignored, because there are pictures of the same name"),
         ));
     }
@@ -215,7 +215,7 @@ pub(super) fn warn_of_others<'a>(others: impl Iterator<Item = &'a Member>, warni
     let names: Vec<&str> = others.map(|member| member.name.as_str()).collect();
     if !names.is_empty() {
         warnings.push(Warning::new(
-            "files_passed_over",
+            WarningCode::FilesPassedOver,
             format!("{}: ignored, because these are not pictures", listed(names)),
         ));
     }

@@ -12,7 +12,7 @@ use super::{
     members::{Member, Picture, SortedSlices},
     messages::{invalid, listed},
 };
-use crate::types::{Error, Warning};
+use crate::types::{Error, Warning, WarningCode};
 
 /// Name of the file, in the root or in the folder that encloses everything.
 const FILE: &str = "manifest.json";
@@ -54,7 +54,7 @@ pub(super) fn find(
     let value = json(name, &bytes, advice)?;
     if value.get("front").is_none() && value.get("back").is_none() {
         let detail = format!("{name} has neither \"front\" nor \"back\", so it was ignored");
-        warnings.push(Warning::new("manifest_passed_over", detail));
+        warnings.push(Warning::new(WarningCode::ManifestPassedOver, detail));
         return Ok(None);
     }
     let manifest = serde_json::from_value(value).map_err(|error| {

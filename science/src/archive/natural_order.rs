@@ -6,7 +6,7 @@ use super::{
     member_names,
     messages::{listed, one_or_more},
 };
-use crate::types::Warning;
+use crate::types::{Warning, WarningCode};
 
 /// A part of a name.
 #[derive(Debug, PartialEq, Eq)]
@@ -153,7 +153,7 @@ pub(super) fn sort<T>(items: &mut [T], name_of: impl Fn(&T) -> &str, warnings: &
     let names: Vec<&str> = items.iter().map(&name_of).collect();
     if let Some(start) = rollover(&names) {
         warnings.push(Warning::new(
-            "counter_rollover",
+            WarningCode::CounterRollover,
             format!(
                 "the camera's counter rolled over within the stack: {} is taken to follow {}",
                 names[0],
@@ -169,7 +169,7 @@ pub(super) fn sort<T>(items: &mut [T], name_of: impl Fn(&T) -> &str, warnings: &
             "seems to be a copy of another file; it is used as a slice",
             "seem to be copies of other files; they are used as slices",
         );
-        warnings.push(Warning::new("copied_file_name", format!("{} {clause}", listed(copies))));
+        warnings.push(Warning::new(WarningCode::CopiedFileName, format!("{} {clause}", listed(copies))));
     }
 }
 

@@ -4,7 +4,7 @@
 //! from the wrong one, a jump of the rig, slices in the wrong order. Therefore each finding states the best grade that
 //! it allows, and the grade is the worst of all.
 
-use crate::types::{Warning, report::Grade};
+use crate::types::{Warning, WarningCode, report::Grade};
 
 /// Largest standard deviation of the worst corner of a good calibration, px: at three of them, 0.3 px, an error is a
 /// defect.
@@ -23,12 +23,12 @@ pub(super) struct Finding {
 
 impl Finding {
     /// A finding that does not affect the grade: what it describes is corrected, or included in the corner uncertainty.
-    pub(super) fn remark(code: &str, detail: impl Into<String>) -> Self {
+    pub(super) fn remark(code: WarningCode, detail: impl Into<String>) -> Self {
         Self { warning: Warning::new(code, detail), allows: Grade::Good }
     }
 
     /// A finding that allows at best `allows`.
-    pub(super) fn limiting(allows: Grade, code: &str, detail: impl Into<String>) -> Self {
+    pub(super) fn limiting(allows: Grade, code: WarningCode, detail: impl Into<String>) -> Self {
         Self { warning: Warning::new(code, detail), allows }
     }
 }
@@ -66,10 +66,10 @@ mod tests {
 
     #[test]
     fn the_grade_is_the_worst_of_the_corner_uncertainty_and_the_findings() {
-        let remark = Finding::remark("slice_missing", "a");
-        let first = Finding::limiting(Grade::Usable, "rig_bumped", "b");
-        let second = Finding::limiting(Grade::Usable, "many_outliers", "c");
-        let poor = Finding::limiting(Grade::Poor, "other", "d");
+        let remark = Finding::remark(WarningCode::SliceMissing, "a");
+        let first = Finding::limiting(Grade::Usable, WarningCode::RigBumped, "b");
+        let second = Finding::limiting(Grade::Usable, WarningCode::ManyOutliers, "c");
+        let poor = Finding::limiting(Grade::Poor, WarningCode::SliceInterpolated, "d");
         assert_eq!(grade(0.05, std::slice::from_ref(&remark)), (Grade::Good, None));
         assert_eq!(grade(0.1, &[]).0, Grade::Good);
         assert_eq!(grade(0.11, &[]).0, Grade::Usable);

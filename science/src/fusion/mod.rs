@@ -66,7 +66,7 @@ pub use warped_slice::warped_slice;
 use crate::{
     imaging::{Depth, Plane, Raster, Sample, Slices},
     quality::score::ScoreSums,
-    types::{Control, Error, ErrorKind, Interrupted, Warning},
+    types::{Control, Error, ErrorKind, Interrupted, Warning, WarningCode},
 };
 use run::Run;
 use sample_format::{FormattedSlices, SampleFormat};
@@ -201,7 +201,7 @@ fn depth_order_disagrees(plan: &Plan) -> Warning {
          {other} one is; if halos beside outlines are worse than with method=pyramid, set or correct \
          capture_mode in the profile, or the order of the slices"
     );
-    Warning::new("depth_order_disagrees", detail)
+    Warning::new(WarningCode::DepthOrderDisagrees, detail)
 }
 
 /// The warnings about a canvas of `pixels` px, of which `covered` are covered, and whose fused pixels have a clamped
@@ -211,7 +211,7 @@ fn warnings(pixels: usize, covered: usize, clamped: f64) -> Vec<Warning> {
     if covered < pixels {
         let percent = 100.0 * (pixels - covered) as f64 / pixels as f64;
         warnings.push(Warning::new(
-            "canvas_not_covered",
+            WarningCode::CanvasNotCovered,
             format!(
                 "{percent:.2} % of the canvas is covered by no slice and is transparent; use crop=valid to cut \
                  it off"
@@ -220,7 +220,7 @@ fn warnings(pixels: usize, covered: usize, clamped: f64) -> Vec<Warning> {
     }
     if clamped > MAX_CLAMPED_FRACTION {
         warnings.push(Warning::new(
-            "fusion_overshoot",
+            WarningCode::FusionOvershoot,
             format!(
                 "{:.1} % of the fused pixels were outside the range of their bit depth and were clamped; check the \
                  image for halos, or expose the slices so that fewer pixels are near black or white",

@@ -1,7 +1,7 @@
 //! Warnings about a silhouette.
 
 use super::translucent::Translucent;
-use crate::types::{Warning, metrics::MaskMetrics};
+use crate::types::{Warning, WarningCode, metrics::MaskMetrics};
 
 /// Separability below which there are hardly two classes of pixels.
 const DOUBTFUL_SEPARABILITY: f64 = 0.75;
@@ -30,16 +30,16 @@ pub(super) fn of(
     cleaning: Cleaning,
 ) -> Vec<Warning> {
     let mut warnings = Vec::new();
-    let mut warn = |code: &str, detail: String| warnings.push(Warning::new(code, detail));
+    let mut warn = |code: WarningCode, detail: String| warnings.push(Warning::new(code, detail));
     let percent = 100.0 * metrics.threshold;
     let (is_empty, is_full) = (metrics.foreground_fraction == 0.0, metrics.foreground_fraction > FULL);
     if is_empty {
-        warn("mask_empty", empty(percent, fixed_threshold, cleaning));
+        warn(WarningCode::MaskEmpty, empty(percent, fixed_threshold, cleaning));
     }
     if is_full {
         let advice = if fixed_threshold { "omit mask_threshold or send a smaller value, and check" } else { "check" };
         warn(
-            "mask_full",
+            WarningCode::MaskFull,
             format!(
                 "the mask is full: everything in the back light is darker than {percent:.1} % of full scale; {advice} \
                  that the back light was on and bright, and that the object is in the picture"
@@ -55,7 +55,7 @@ pub(super) fn of(
             ("", "make")
         };
         warn(
-            "mask_low_separability",
+            WarningCode::MaskLowSeparability,
             format!(
                 "object and background hardly differ in the back light{at_threshold} (separability {separability:.2}; \
                  above 0.9 is good): {advice} the back light brighter, or shield the object from the front light"
@@ -64,7 +64,7 @@ pub(super) fn of(
     }
     if let Some(falloff) = metrics.light_falloff.filter(|falloff| *falloff > MAX_FALLOFF) {
         warn(
-            "mask_uneven_light",
+            WarningCode::MaskUnevenLight,
             format!(
                 "the back light falls off by {:.0} % from its brightest to its dimmest place; this was corrected, \
                  but in dim places the contrast to the object is low: centre the lamp, or put a diffuser farther \
@@ -75,7 +75,7 @@ pub(super) fn of(
     }
     if let Some(translucent) = translucent {
         warn(
-            "mask_translucent",
+            WarningCode::MaskTranslucent,
             format!(
                 "{:.0} % of the object is translucent (about {:.0} % of the back light passes through): such parts, \
                  for example wings, are counted as object; inspect the mask, and lower the exposure of the back \
@@ -88,7 +88,7 @@ pub(super) fn of(
     let border = metrics.border_contact_fraction;
     if border > INVERTED_BORDER && !is_full {
         warn(
-            "mask_inverted",
+            WarningCode::MaskInverted,
             format!(
                 "{:.0} % of the border of the picture is counted as object, but the background must be brighter than \
                  the object: check that these are the back-light slices",
@@ -98,7 +98,7 @@ pub(super) fn of(
     } else if border > 0.0 && !is_full {
         let share = if border < 0.001 { "less than 0.1 %".to_owned() } else { format!("{:.1} %", 100.0 * border) };
         warn(
-            "mask_touches_border",
+            WarningCode::MaskTouchesBorder,
             format!(
                 "the object reaches {share} of the border of the picture and is cut off there: show all of it, or \
                  ignore this if only its pin reaches the border"

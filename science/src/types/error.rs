@@ -5,6 +5,8 @@ use std::{error::Error as StdError, sync::Arc};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::WarningCode;
+
 /// The category of an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ErrorKind {
@@ -125,14 +127,15 @@ impl Error {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Warning {
     /// Stable machine-readable code, `snake_case`.
-    pub code: String,
+    #[schema(value_type = String)]
+    pub code: WarningCode,
     /// One sentence.
     pub detail: String,
 }
 
 impl Warning {
     /// A warning with a code and one sentence.
-    pub fn new(code: &str, detail: impl Into<String>) -> Self {
-        Self { code: code.to_owned(), detail: detail.into() }
+    pub fn new(code: WarningCode, detail: impl Into<String>) -> Self {
+        Self { code, detail: detail.into() }
     }
 }

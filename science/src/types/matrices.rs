@@ -1,7 +1,7 @@
 //! Conversion of matrices from other programs into the homographies of a profile.
 
 use super::{
-    Error, ErrorKind, Homography, Warning,
+    Error, ErrorKind, Homography, Warning, WarningCode,
     error::ErrorLocation,
     profile::{MAX_SLICES, reference_beyond},
 };
@@ -75,7 +75,7 @@ pub fn rebase(
     let mut warnings = Vec::new();
     if moved > STILL_PX {
         warnings.push(Warning::new(
-            "rebased",
+            WarningCode::Rebased,
             format!(
                 "the matrix of slice {reference}, the reference, was not the identity: it moved the image corners by up to \
                  {moved:.2} px; all matrices were multiplied by its inverse"

@@ -4,6 +4,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::WarningCode;
+
 /// The quality metrics of a stack.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Metrics {
@@ -31,7 +33,8 @@ pub struct Metrics {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Finding {
     /// Stable machine-readable code, `snake_case`.
-    pub code: String,
+    #[schema(value_type = String)]
+    pub code: WarningCode,
     /// `warning`: the result is affected; `note`: it is not, but the next stack could be better or smaller.
     pub severity: Severity,
     /// What is wrong, in which slices, and what to do.

@@ -21,8 +21,10 @@ pub mod rig_parameters;
 pub mod stack_layout;
 pub mod text_or_number;
 pub mod view;
+pub mod warning_code;
 
 pub use control::{Cancelled, Control, Interrupted, NoControl};
 pub use error::{Error, ErrorKind, Warning};
 pub use homography::Homography;
 pub use read_at::ReadAt;
+pub use warning_code::WarningCode;

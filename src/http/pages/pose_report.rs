@@ -29,7 +29,7 @@ pub fn page(report: &PoseReport) -> String {
     if !report.findings.is_empty() {
         out.push_str("<ul class=\"findings\">\n");
         for finding in &report.findings {
-            let (detail, code) = (escape(&sentence(&finding.detail)), escape(&finding.code));
+            let (detail, code) = (escape(&sentence(&finding.detail)), escape(finding.code.as_str()));
             out.push_str(&format!("<li>{detail} <code>{code}</code></li>\n"));
         }
         out.push_str("</ul>\n");

@@ -124,7 +124,7 @@ impl ProfileFile {
     /// Checks the size of the warnings, which are shown in lists: at most what this service writes.
     fn check_warnings(&self) -> Result<(), Fault> {
         let warnings = &self.profile.warnings;
-        let is_long = |w: &Warning| w.code.len() > 64 || w.detail.chars().count() > 2000;
+        let is_long = |w: &Warning| w.code.as_str().len() > 64 || w.detail.chars().count() > 2000;
         if warnings.len() > 100 || warnings.iter().any(is_long) {
             return Err(at(
                 "/warnings",

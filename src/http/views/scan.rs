@@ -195,7 +195,7 @@ fn row(view: &View, outliers: Vec<ViewOutlier>) -> ScanView {
     let warnings = metrics.map(|metrics| {
         let serious =
             metrics.findings.iter().filter(|f| f.severity == pinstack_science::types::metrics::Severity::Warning);
-        serious.map(|finding| finding.code.clone()).collect()
+        serious.map(|finding| finding.code.to_string()).collect()
     });
     let stack = url_of(JobKind::Stack, view.stack.id);
     ScanView {

@@ -30,7 +30,7 @@ fn outcome(archive: &[u8], options: StackOptions) -> Result<JobOutput, JobError>
 }
 
 /// Codes of the warnings of a stack.
-fn warned(archive: &[u8], options: StackOptions) -> Vec<String> {
+fn warned(archive: &[u8], options: StackOptions) -> Vec<WarningCode> {
     let output = outcome(archive, options).expect("the job");
     output.warnings.into_iter().map(|warning| warning.code).collect()
 }
@@ -58,14 +58,15 @@ fn twelve_bits(slices: &[Raster]) -> Vec<Raster> {
 }
 
 /// The codes of these diagnoses; other warnings are ignored here.
-const DIAGNOSES: [&str; 4] = ["lights_exchanged", "dot_target", "unused_input_bits", "slices_reversed"];
+const DIAGNOSES: [WarningCode; 4] =
+    [WarningCode::LightsExchanged, WarningCode::DotTarget, WarningCode::UnusedInputBits, WarningCode::SlicesReversed];
 
 #[test]
 fn a_sound_stack_gets_none_of_these_warnings() {
     for method in Method::ALL {
         for archive in [front_zip(), both_zip()] {
             let warned = warned(&archive, StackOptions { method, ..StackOptions::default() });
-            assert!(DIAGNOSES.iter().all(|code| !warned.iter().any(|told| told == code)), "{method:?}: {warned:?}");
+            assert!(DIAGNOSES.iter().all(|code| !warned.contains(code)), "{method:?}: {warned:?}");
         }
     }
 }
@@ -81,7 +82,7 @@ fn reversed_slices_are_warned_of_and_corrected_on_request() {
     assert!(!told.iter().any(|warning| warning.detail.contains("calibrate again")), "{told:?}");
 
     let (right, told) = image(&reversed, StackOptions { order: SliceOrder::Reverse, ..StackOptions::default() });
-    assert!(!told.iter().any(|warning| DIAGNOSES.contains(&warning.code.as_str())), "{told:?}");
+    assert!(!told.iter().any(|warning| DIAGNOSES.contains(&warning.code)), "{told:?}");
     assert!(right == image(&both_zip(), StackOptions::default()).0, "the same picture as of the slices in order");
 }
 
@@ -92,8 +93,8 @@ fn exchanged_lights_are_warned_of_and_fail_a_required_mask() {
     let exchanged = zip(all);
     for method in [Method::Guided, Method::HaloCorrected] {
         let warned = warned(&exchanged, StackOptions { method, ..StackOptions::default() });
-        assert!(warned.iter().any(|code| code == "lights_exchanged"), "{warned:?}");
-        assert!(!warned.iter().any(|code| CAUSED_BY_EXCHANGED_LIGHTS.contains(&code.as_str())), "{warned:?}");
+        assert!(warned.contains(&WarningCode::LightsExchanged), "{warned:?}");
+        assert!(!warned.iter().any(|code| CAUSED_BY_EXCHANGED_LIGHTS.contains(code)), "{warned:?}");
     }
     let required = StackOptions { mask: MaskMode::Required, ..StackOptions::default() };
     let Err(JobError::Failed(fault)) = outcome(&exchanged, required.clone()) else { panic!("must fail") };
@@ -104,7 +105,7 @@ fn exchanged_lights_are_warned_of_and_fail_a_required_mask() {
 #[test]
 fn a_dot_target_is_warned_of() {
     let warned = warned(&target_zip(), StackOptions::default());
-    assert!(warned.iter().any(|code| code == "dot_target"), "{warned:?}");
+    assert!(warned.contains(&WarningCode::DotTarget), "{warned:?}");
 }
 
 #[test]
@@ -130,7 +131,7 @@ fn twelve_bits_in_16_bit_files_are_warned_of_and_scaled_on_request() {
     let Err(JobError::Failed(fault)) = outcome(&dark, fewer) else { panic!("must fail") };
     assert_eq!(fault.code, Code::InvalidImage);
     let ordinary = StackOptions { input_bits: InputBits::Sixteen, ..StackOptions::default() };
-    assert!(!warned(&dark, ordinary).iter().any(|code| code == "unused_input_bits"));
+    assert!(!warned(&dark, ordinary).contains(&WarningCode::UnusedInputBits));
 }
 
 /// Real stacks beside the repository; the test does nothing without them.

@@ -5,7 +5,7 @@ use crate::{
     contract::{Code, Fault, JobKind, JobState, profile::Profile},
     store::{BlobOwner, CancelRequest, Finish, JobCounts, JobFilter, Retention},
 };
-use pinstack_science::types::Warning;
+use pinstack_science::types::{Warning, WarningCode};
 
 pub async fn an_accepted_job_is_queued_with_its_whole_request(store: Fresh) {
     let metadata = &*store.metadata;
@@ -15,7 +15,7 @@ pub async fn an_accepted_job_is_queued_with_its_whole_request(store: Fresh) {
         request.options.mask_threshold = pinstack_science::types::mask_options::MaskThreshold::Fixed(0.25);
     });
     asked.trace = Some("00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01 a=1".into());
-    asked.warnings.push(Warning::new("junk", "a file was passed over"));
+    asked.warnings.push(Warning::new(WarningCode::Other("junk".into()), "a file was passed over"));
     let accepted = accept(metadata, &asked).await;
     assert_eq!(accepted.request, asked.request);
     assert_eq!((accepted.state, accepted.attempt), (JobState::Queued, 0));
@@ -113,7 +113,7 @@ pub async fn a_success_shows_its_outcome(store: Fresh) {
     accept(metadata, &stack()).await;
     let claimed = claim(metadata).await.unwrap();
     store.clock.advance(Duration::from_secs(3));
-    let warnings = vec![Warning::new("thin", "the hair is thin")];
+    let warnings = vec![Warning::new(WarningCode::Other("thin".into()), "the hair is thin")];
     let finish = Finish::Succeeded { outcome: Box::new(stack_outcome()), warnings: warnings.clone(), profile: None };
     assert!(metadata.finish(claimed.id, claimed.lease_token, &finish).await.unwrap());
     let ended = job(metadata, claimed.id).await;

@@ -8,6 +8,7 @@ use crate::{
         digest::{optics_digest, profile_digest},
     },
 };
+use pinstack_science::types::{Warning, WarningCode};
 
 pub async fn a_profile_comes_back_as_it_was_put(store: Fresh) {
     let put = put(&*store.metadata, "rig", "lens", 1.25).await;
@@ -27,7 +28,7 @@ pub async fn an_imported_profile_remembers_its_origin_and_its_warnings(store: Fr
         created_at: jiff::Timestamp::UNIX_EPOCH,
         calibration_id: Some(uuid::Uuid::nil()),
     };
-    let warnings = vec![pinstack_science::types::Warning::new("rebased", "based on slice 1")];
+    let warnings = vec![Warning::new(WarningCode::Rebased, "based on slice 1")];
     let mut draft = ProfileDraft { origin: Some(origin.clone()), warnings: warnings.clone(), ..draft(1.5) };
     (draft.input.principal_distance_mm, draft.input.pixel_pitch_mm) = (Some(130.0), Some(0.5));
     let (rig, lens) = (name("rig"), name("lens"));

@@ -8,7 +8,7 @@ use crate::{
         Light,
         messages::{listed, one_or_more, slices_of},
     },
-    types::{Error, ErrorKind, Warning, error::ErrorLocation},
+    types::{Error, ErrorKind, Warning, WarningCode, error::ErrorLocation},
 };
 
 /// Views whose errors are listed.
@@ -116,6 +116,6 @@ pub(super) fn warn(groups: &[Group], warnings: &mut Vec<Warning>) {
         let differ = one_or_more(others.len(), "differs", "differ");
         let detail =
             format!("{} {differ} from the other views, which have {slices} slices and {lights}", listed(others));
-        warnings.push(Warning::new("views_differ", detail));
+        warnings.push(Warning::new(WarningCode::ViewsDiffer, detail));
     }
 }

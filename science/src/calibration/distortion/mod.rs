@@ -23,7 +23,7 @@ use fit::{Coefficients, JointFit, View, fit, predict};
 
 use super::transform_models::{self, Frame, Match, TransformModel};
 use super::{detected::Detection, dlt, grade::Finding, solve::find_inliers, tracked::Tracked};
-use crate::types::{Cancelled, Control, Homography};
+use crate::types::{Cancelled, Control, Homography, WarningCode};
 use crate::types::{distortion::Distortion, report::Grade};
 
 /// What the dots say about distortion.
@@ -86,7 +86,7 @@ pub(super) fn analyse(tracked: &Tracked, reference: usize, control: &dyn Control
     let finding = (effect > REPORTED).then(|| {
         Finding::limiting(
             Grade::Usable,
-            "lens_distortion",
+            WarningCode::LensDistortion,
             format!(
                 "the dots are displaced radially, by up to {effect:.1} px at the image corners and differently in each \
                  slice, but the printed grid does not show the same distortion: check that the target is flat; if it \
@@ -266,7 +266,7 @@ impl Stack<'_> {
         };
         let (width, height) = (self.tracked.width as u32, self.tracked.height as u32);
         let finding = Finding::remark(
-            "lens_distortion",
+            WarningCode::LensDistortion,
             format!(
                 "the lens distorts the image by {:.1} px at the corners, and the distortion stays with the sensor: it was \
                  measured, is part of the profile and is taken into account when stacks are aligned",
@@ -293,7 +293,7 @@ impl Stack<'_> {
         (effect > REPORTED).then(|| {
             Finding::limiting(
                 Grade::Usable,
-                "lens_distortion",
+                WarningCode::LensDistortion,
                 format!(
                     "the printed grid is distorted, and the slices do not show whether the distortion stays with the \
                      sensor: if it does, the image corners are off by up to {effect:.1} px; use a flat target that fills \

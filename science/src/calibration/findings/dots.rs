@@ -3,7 +3,7 @@
 use super::facts::Facts;
 use crate::calibration::grade::{Finding, GOOD};
 use crate::calibration::lost::{self, Loss};
-use crate::types::report::Grade;
+use crate::types::{WarningCode, report::Grade};
 
 /// Perspective (relative change of scale over the image) beyond which the centre of a disc's image differs from the
 /// image of its centre.
@@ -17,7 +17,7 @@ pub(super) fn ambiguous_labels(facts: &Facts) -> Option<Finding> {
          in {names}: let an edge or a mark of the target be in view, or use a target with a code",
         facts.base().map_or(0.0, |d| d.pitch)
     );
-    Some(Finding::limiting(Grade::Usable, "shift_ambiguous", detail))
+    Some(Finding::limiting(Grade::Usable, WarningCode::ShiftAmbiguous, detail))
 }
 
 /// The other findings about the dots.
@@ -42,7 +42,7 @@ fn predicted(facts: &Facts, cause: Loss) -> Option<Finding> {
         cause.advice()
     );
     let allows = if cause == Loss::Other { Grade::Usable } else { Grade::Good };
-    Some(Finding::limiting(allows, "slice_interpolated", detail))
+    Some(Finding::limiting(allows, WarningCode::SliceInterpolated, detail))
 }
 
 fn inverted(facts: &Facts) -> Option<Finding> {
@@ -50,7 +50,7 @@ fn inverted(facts: &Facts) -> Option<Finding> {
     let detail = format!(
         "blur has inverted the dots in {names}: they were measured, but a target with more widely spaced dots is better"
     );
-    Some(Finding::remark("dots_inverted", detail))
+    Some(Finding::remark(WarningCode::DotsInverted, detail))
 }
 
 fn uncertain_corners(facts: &Facts) -> Option<Finding> {
@@ -63,7 +63,7 @@ fn uncertain_corners(facts: &Facts) -> Option<Finding> {
         "the image corners are uncertain by more than {GOOD} px in {names}: use a target that fills the image, or larger \
          dots"
     );
-    Some(Finding::remark("uncertain_corners", detail))
+    Some(Finding::remark(WarningCode::UncertainCorners, detail))
 }
 
 fn many_outliers(facts: &Facts) -> Option<Finding> {
@@ -78,7 +78,7 @@ fn many_outliers(facts: &Facts) -> Option<Finding> {
         "more than a quarter of the dots disagree with the homography in {names}: check the target for dust, reflections \
          and bending"
     );
-    Some(Finding::limiting(Grade::Usable, "many_outliers", detail))
+    Some(Finding::limiting(Grade::Usable, WarningCode::ManyOutliers, detail))
 }
 
 fn perspective(facts: &Facts) -> Option<Finding> {
@@ -92,5 +92,5 @@ fn perspective(facts: &Facts) -> Option<Finding> {
         "the perspective changes in {names}: align the rail with the optical axis, and check that camera and target did \
          not rotate"
     );
-    Some(Finding::remark("perspective", detail))
+    Some(Finding::remark(WarningCode::Perspective, detail))
 }

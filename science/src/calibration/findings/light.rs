@@ -3,7 +3,7 @@
 use super::facts::Facts;
 use crate::calibration::gains::{self, MAX_SIGMA};
 use crate::calibration::grade::Finding;
-use crate::types::report::Grade;
+use crate::types::{WarningCode, report::Grade};
 
 /// Share of the pixels at full scale from which a slice is named.
 const CLIPPED: f64 = 0.05;
@@ -22,7 +22,7 @@ fn clipped_white(facts: &Facts) -> Option<Finding> {
     let names = facts.names_where(|i| facts.detection(i).is_some_and(|s| s.clipped > CLIPPED))?;
     let detail =
         format!("the white of the target is clipped in {names}: their gains are unreliable; reduce the exposure");
-    Some(Finding::remark("clipped_white", detail))
+    Some(Finding::remark(WarningCode::ClippedWhite, detail))
 }
 
 fn uncertain_gains(facts: &Facts) -> Option<Finding> {
@@ -39,7 +39,7 @@ fn uncertain_gains(facts: &Facts) -> Option<Finding> {
         facts.names(&unsure)
     );
     let allows = if worst > POOR_GAIN { Grade::Usable } else { Grade::Good };
-    Some(Finding::limiting(allows, "uncertain_gains", detail))
+    Some(Finding::limiting(allows, WarningCode::UncertainGains, detail))
 }
 
 /// Slices with another exposure than the gain model expects. Their gains make up for it.
@@ -54,7 +54,7 @@ fn exposure(facts: &Facts) -> Option<Finding> {
          stack taken with a steady lamp will then be wrong by as much; check the lamp, the flash and the exposure time, \
          and calibrate again"
     );
-    Some(Finding::remark("exposure_outlier", detail))
+    Some(Finding::remark(WarningCode::ExposureOutlier, detail))
 }
 
 /// Slices with another tint than the others.
@@ -70,7 +70,7 @@ fn tints(facts: &Facts) -> Option<Finding> {
     let detail = format!(
         "the tint differs from that of the other slices in {slices}: set a fixed white balance, and calibrate again"
     );
-    Some(Finding::limiting(Grade::Usable, "tint_outlier", detail))
+    Some(Finding::limiting(Grade::Usable, WarningCode::TintOutlier, detail))
 }
 
 /// Slices with stripes of light.
@@ -81,5 +81,5 @@ fn banding(facts: &Facts) -> Option<Finding> {
         "stripes of light cross {slices}: the lamp flickers while the shutter runs, which displaces the dots and makes \
          stacks uneven; use a lamp on direct current, a longer exposure, or the mechanical shutter"
     );
-    Some(Finding::limiting(Grade::Usable, "lamp_banding", detail))
+    Some(Finding::limiting(Grade::Usable, WarningCode::LampBanding, detail))
 }

@@ -4,7 +4,7 @@ use super::facts::Facts;
 use crate::calibration::rail_anomalies::{Jump, RailAnomaly};
 use crate::calibration::{camera, capture};
 use crate::calibration::{grade::Finding, names::first_names};
-use crate::types::report::Grade;
+use crate::types::{WarningCode, report::Grade};
 
 /// How far the image jumps, as a predicate.
 fn jumps(by: Jump) -> String {
@@ -26,35 +26,35 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
         .iter()
         .map(|anomaly| match anomaly {
             RailAnomaly::Missing { after } => Finding::remark(
-                "slice_missing",
+                WarningCode::SliceMissing,
                 format!("a slice seems to be missing between {} and {}: the step between them is twice the usual one; check the rail and the files", name(*after), name(after + 1)),
             ),
             RailAnomaly::Doubled { first } => Finding::remark(
-                "slice_doubled",
+                WarningCode::SliceDoubled,
                 format!("{} and {} were taken at the same rail position: remove one of them, or check whether the rail is stuck", name(*first), name(first + 1)),
             ),
             RailAnomaly::Backwards { after } => Finding::limiting(
                 Grade::Usable,
-                "slices_out_of_order",
+                WarningCode::SlicesOutOfOrder,
                 format!("the rail seems to move backwards between {} and {}: check that the files are in the order of capture", name(*after), name(after + 1)),
             ),
             RailAnomaly::Uneven { after, steps } => Finding::remark(
-                "uneven_step",
+                WarningCode::UnevenStep,
                 format!("the step between {} and {} is {steps:.2} times the usual one: check the rail for backlash or a missed step", name(*after), name(after + 1)),
             ),
             RailAnomaly::Bumped { after, from, by } => Finding::limiting(
                 Grade::Usable,
-                "rig_bumped",
+                WarningCode::RigBumped,
                 format!("the image {} between {} and {}: the rig was bumped or the target moved; fasten both, and calibrate again", jumps(*by), name(*after), name(*from)),
             ),
             RailAnomaly::Displaced { slice, by } => Finding::limiting(
                 Grade::Usable,
-                "slice_displaced",
+                WarningCode::SliceDisplaced,
                 format!("{} lies beside the line of the other slices: its image {}; its own dots were used: check the rail for backlash, and take the stack again", name(*slice), jumps(*by)),
             ),
             RailAnomaly::OutOfOrder { order } => Finding::limiting(
                 Grade::Usable,
-                "slices_out_of_order",
+                WarningCode::SlicesOutOfOrder,
                 format!("by the size of the target the slices were taken in the order {} or the reverse, which is not the order of the files: rename them (a camera's counter may have started again), or check that the rail moves in one direction", first_names(facts.slices, order, 12)),
             ),
         })
@@ -67,11 +67,11 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
             capture::name(given),
             capture::name(found)
         );
-        out.push(Finding::remark("capture_mode_disagrees", detail));
+        out.push(Finding::remark(WarningCode::CaptureModeDisagrees, detail));
     }
     if camera::is_contradictory(facts.camera) {
         out.push(Finding::remark(
-            "principal_distance_disagrees",
+            WarningCode::PrincipalDistanceDisagrees,
             format!(
                 "the principal distance is {:.2} mm {}",
                 facts.camera.principal_distance_mm.unwrap_or_default(),

@@ -20,7 +20,7 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
             "the dots cover {:.0} % of the reference slice: the corners are extrapolated; use a larger target",
             100.0 * share
         );
-        out.push(Finding::remark("small_target", detail));
+        out.push(Finding::remark(WarningCode::SmallTarget, detail));
     }
     if let Some(stretch) = stretch(&base.places).filter(|s| *s > ASLANT) {
         let detail = format!(
@@ -28,7 +28,7 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
             100.0 * (stretch - 1.0),
             (1.0 / stretch).acos().to_degrees()
         );
-        out.push(Finding::remark("target_aslant", detail));
+        out.push(Finding::remark(WarningCode::TargetAslant, detail));
     }
     let [width, height] = facts.tracked.size();
     if let Some(colours) = facts.tracked.colours.and_then(|measured| measured.worth_correcting(width, height)) {
@@ -38,12 +38,12 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
              blue by {blue:.1} px; the profile keeps it, and fusion moves red and blue to where green is, unless a stack \
              is sent with lateral_colour=keep"
         );
-        out.push(Finding::remark("lateral_colour", detail));
+        out.push(Finding::remark(WarningCode::LateralColour, detail));
     }
     if facts.blurs[facts.solution.reference].is_some_and(|blur| blur > BLURRED) {
         let detail = "the target is blurred in the reference slice, on which all others depend: move the target to where \
                       the reference slice is in focus, or set reference_index to a sharper slice";
-        out.push(Finding::remark("blurred_reference", detail));
+        out.push(Finding::remark(WarningCode::BlurredReference, detail));
     }
     out
 }

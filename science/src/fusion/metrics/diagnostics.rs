@@ -21,7 +21,7 @@ use faulty_stack::{FAULTS, Stack};
 /// Codes of the findings with severity warning.
 fn warning_codes(stack: &Stack, masked: bool) -> Vec<String> {
     let findings = stack.findings(masked).into_iter();
-    findings.filter(|finding| finding.severity == Severity::Warning).map(|finding| finding.code).collect()
+    findings.filter(|finding| finding.severity == Severity::Warning).map(|finding| finding.code.to_string()).collect()
 }
 
 /// `but` are the faults that this scene cannot show.

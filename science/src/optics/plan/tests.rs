@@ -169,7 +169,7 @@ fn warnings_name_what_limits_the_capture() {
         let mut input = PlanInput { f_number: 5.6, ..macro_lens(CaptureMode::FixedLens) };
         change(&mut input);
         let plan = plan(&input).expect("a plan");
-        plan.warnings.into_iter().map(|warning| warning.code).collect::<Vec<_>>()
+        plan.warnings.into_iter().map(|warning| warning.code.to_string()).collect::<Vec<_>>()
     };
     assert_eq!(codes(|_| {}), Vec::<String>::new());
     assert_eq!(codes(|input| input.f_number = 16.0), ["diffraction_limited", "oversampled"]);

@@ -1,7 +1,7 @@
 //! What limits a capture.
 
 use super::{capture_plan::CapturePlan, input::PlanInput};
-use crate::types::Warning;
+use crate::types::{Warning, WarningCode};
 
 /// An Airy disc larger than so many circles of confusion decides the sharpness.
 const AIRY_COC: f64 = 2.0;
@@ -13,10 +13,10 @@ const FIRST_ORDER: f64 = 0.01;
 /// The warnings of a plan.
 pub(super) fn of(input: &PlanInput, plan: &CapturePlan) -> Vec<Warning> {
     let mut found = Vec::new();
-    let mut warn = |code: &str, detail: String| found.push(Warning::new(code, detail));
+    let mut warn = |code: WarningCode, detail: String| found.push(Warning::new(code, detail));
     if plan.airy_um > AIRY_COC * plan.coc_um {
         warn(
-            "diffraction_limited",
+            WarningCode::DiffractionLimited,
             format!(
                 "the Airy disc is {:.1} um wide, the circle of confusion {:.1} um: diffraction decides the sharpness; open \
                  the aperture and take more slices",
@@ -27,7 +27,7 @@ pub(super) fn of(input: &PlanInput, plan: &CapturePlan) -> Vec<Warning> {
     if plan.airy_um > AIRY_PX * input.pixel_pitch_um {
         let pixels = plan.airy_um / input.pixel_pitch_um;
         let detail = format!("the Airy disc covers {pixels:.1} pixels: smaller images would show the same detail");
-        warn("oversampled", detail);
+        warn(WarningCode::Oversampled, detail);
     }
     if input.rail_resolution_um.is_some_and(|resolution| 1e3 * plan.step_mm < resolution) {
         let what = match (plan.slice_count, input.slice_count) {
@@ -36,7 +36,7 @@ pub(super) fn of(input: &PlanInput, plan: &CapturePlan) -> Vec<Warning> {
             (_, None) => "stop down or accept a smaller overlap",
         };
         let detail = format!("the step is {:.1} um, smaller than the rail can make: {what}", 1e3 * plan.step_mm);
-        warn("step_below_rail_resolution", detail);
+        warn(WarningCode::StepBelowRailResolution, detail);
     }
     if plan.step_mm > plan.largest_step_mm * (1.0 + 1e-9) {
         let detail = format!(
@@ -47,7 +47,7 @@ pub(super) fn of(input: &PlanInput, plan: &CapturePlan) -> Vec<Warning> {
             plan.largest_step_mm,
             100.0 * input.overlap
         );
-        warn("too_few_slices", detail);
+        warn(WarningCode::TooFewSlices, detail);
     }
     // near and far limits are d1 c' / (phi_a +- c') with c' = c / M
     let share = 1e-3 * plan.coc_um / plan.magnification * input.f_number / input.focal_mm;
@@ -57,7 +57,7 @@ pub(super) fn of(input: &PlanInput, plan: &CapturePlan) -> Vec<Warning> {
              field is not symmetrical and the plan is an approximation; open the aperture, use a larger magnification, \
              or take more slices than planned"
         );
-        warn("first_order", detail);
+        warn(WarningCode::FirstOrder, detail);
     }
     found
 }

@@ -4,7 +4,11 @@
 //! comparison is with the median of the others.
 
 use super::{Diagnoser, warning};
-use crate::{imaging::statistics::median_midpoint, quality::flicker, types::metrics::Finding};
+use crate::{
+    imaging::statistics::median_midpoint,
+    quality::flicker,
+    types::{WarningCode, metrics::Finding},
+};
 
 /// Flicker: brightness differs from that of the surrounding slices by more than this share.
 const FLICKER: f64 = 0.03;
@@ -39,7 +43,7 @@ impl Diagnoser<'_> {
                 self.named(flickering),
                 100.0 * most
             );
-            warning("exposure_flicker", flickering.to_vec(), detail)
+            warning(WarningCode::ExposureFlicker, flickering.to_vec(), detail)
         })
     }
 
@@ -69,7 +73,7 @@ impl Diagnoser<'_> {
                 "{brightness} differs from {whose} by up to {:+.0} %: let the lamps warm up, {advice}{flicker}",
                 100.0 * drift
             );
-            warning("exposure_drift", Vec::new(), detail)
+            warning(WarningCode::ExposureDrift, Vec::new(), detail)
         })
     }
 
@@ -88,7 +92,7 @@ impl Diagnoser<'_> {
                 self.named(&drifting),
                 100.0 * BALANCE
             );
-            warning("white_balance_drift", drifting, detail)
+            warning(WarningCode::WhiteBalanceDrift, drifting, detail)
         })
     }
 

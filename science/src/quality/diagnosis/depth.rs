@@ -2,7 +2,7 @@
 //! `redundant_slices`.
 
 use super::{Diagnoser, note, warning};
-use crate::types::metrics::Finding;
+use crate::types::{WarningCode, metrics::Finding};
 
 impl Diagnoser<'_> {
     pub(super) fn range(&self) -> Vec<Finding> {
@@ -24,7 +24,7 @@ impl Diagnoser<'_> {
                 taken_from(0),
                 self.name(0)
             );
-            findings.push(warning("range_too_short_near", vec![0], detail));
+            findings.push(warning(WarningCode::RangeTooShortNear, vec![0], detail));
         }
         if focus.range_too_short_far == Some(true) && in_place(pairs - compared..pairs) {
             let detail = format!(
@@ -33,7 +33,7 @@ impl Diagnoser<'_> {
                 taken_from(last),
                 self.name(last)
             );
-            findings.push(warning("range_too_short_far", vec![last], detail));
+            findings.push(warning(WarningCode::RangeTooShortFar, vec![last], detail));
         }
         findings
     }
@@ -52,7 +52,7 @@ impl Diagnoser<'_> {
                  make the step smaller, or check whether slices are missing",
                 Self::pairs(&gaps)
             );
-            findings.push(warning("coverage_gap", both_of(&gaps), detail));
+            findings.push(warning(WarningCode::CoverageGap, both_of(&gaps), detail));
         }
         let uneven: Vec<u32> = of_steps(&focus.uneven_steps).into_iter().filter(|n| !gaps.contains(n)).collect();
         if !uneven.is_empty() {
@@ -64,7 +64,7 @@ impl Diagnoser<'_> {
                 Self::pairs(&uneven),
                 times.fold(0.0, f32::max)
             );
-            findings.push(warning("uneven_step", both_of(&uneven), detail));
+            findings.push(warning(WarningCode::UnevenStep, both_of(&uneven), detail));
         }
         findings
     }
@@ -78,7 +78,7 @@ impl Diagnoser<'_> {
                  a larger step gives the same image",
                 self.named(&redundant)
             );
-            note("redundant_slices", redundant, detail)
+            note(WarningCode::RedundantSlices, redundant, detail)
         })
     }
 }

@@ -7,7 +7,10 @@ use super::{
 };
 use crate::{
     quality::alignment::OwnShift,
-    types::metrics::{Finding, ResidualSimilarity},
+    types::{
+        WarningCode,
+        metrics::{Finding, ResidualSimilarity},
+    },
 };
 
 /// A corner drift from the first slice to the last below this is accepted, px ...
@@ -48,7 +51,7 @@ impl Diagnoser<'_> {
             residual.shift_px[0] * steps,
             residual.shift_px[1] * steps,
         );
-        Some(warning("profile_misfit", Vec::new(), detail))
+        Some(warning(WarningCode::ProfileMisfit, Vec::new(), detail))
     }
 
     /// Slices that are off although their neighbours are not, and positions from which all slices are off: one finding
@@ -98,7 +101,7 @@ impl Diagnoser<'_> {
                     self.named(&slices),
                     by(shift)
                 );
-                warning("slice_misaligned", slices, detail)
+                warning(WarningCode::SliceMisaligned, slices, detail)
             }
             Displacement::OneOfThree { shift } => {
                 let slices = vec![0, 1, 2];
@@ -109,7 +112,7 @@ impl Diagnoser<'_> {
                     self.named(&slices),
                     shift.0.hypot(shift.1)
                 );
-                warning("slice_misaligned", slices, detail)
+                warning(WarningCode::SliceMisaligned, slices, detail)
             }
             Displacement::Jump { from, to, shift } => {
                 let moving = if to == from + 1 {
@@ -123,7 +126,7 @@ impl Diagnoser<'_> {
                     self.name(from + 1),
                     by(shift)
                 );
-                warning("picture_jumps", (from..=to).collect(), detail)
+                warning(WarningCode::PictureJumps, (from..=to).collect(), detail)
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Findings on the fused image as a whole: `clipped`, `halos`, `unfocused_area`, `small_common_area`, `little_texture`.
 
 use super::{Diagnoser, StackQuality, note, warning};
-use crate::types::metrics::Finding;
+use crate::types::{WarningCode, metrics::Finding};
 
 /// Share of the fused image at full scale or at zero.
 const CLIPPED: f64 = 0.005;
@@ -28,14 +28,14 @@ impl Diagnoser<'_> {
                  the exposure, or soften the light",
                 percent(fraction)
             );
-            findings.push(warning("clipped", Vec::new(), detail));
+            findings.push(warning(WarningCode::Clipped, Vec::new(), detail));
         }
         if let Some(levels) = fusion.overshoot_levels.filter(|levels| *levels > HALO_LEVELS) {
             let detail = format!(
                 "the fused image exceeds the range of the slices by {levels:.1} grey levels on average; look for halos at \
                  edges, and try smaller filters"
             );
-            findings.push(note("halos", Vec::new(), detail));
+            findings.push(note(WarningCode::Halos, Vec::new(), detail));
         }
         if let Some(area) = focus.unfocused_area.filter(|area| area.fraction > UNFOCUSED) {
             let detail = format!(
@@ -47,7 +47,7 @@ impl Diagnoser<'_> {
                 area.x,
                 area.y
             );
-            findings.push(note("unfocused_area", Vec::new(), detail));
+            findings.push(note(WarningCode::UnfocusedArea, Vec::new(), detail));
         }
         if let Some(fraction) = alignment.common_fraction.filter(|fraction| *fraction < COMMON) {
             let detail = format!(
@@ -55,14 +55,14 @@ impl Diagnoser<'_> {
                  which crop=valid cuts off; keep the object in the middle",
                 percent(fraction)
             );
-            findings.push(note("small_common_area", Vec::new(), detail));
+            findings.push(note(WarningCode::SmallCommonArea, Vec::new(), detail));
         }
         if let Some(fraction) = focus.textured_fraction.filter(|fraction| *fraction < TEXTURED) {
             let detail = format!(
                 "only {:.2} % of the {whole} has texture; do not rely on the metrics of focus and alignment",
                 percent(fraction)
             );
-            findings.push(note("little_texture", Vec::new(), detail));
+            findings.push(note(WarningCode::LittleTexture, Vec::new(), detail));
         }
         findings
     }

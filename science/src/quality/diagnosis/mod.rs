@@ -15,7 +15,10 @@ mod image;
 mod order;
 
 use super::{alignment::OwnShift, stack_quality::StackQuality};
-use crate::types::metrics::{Finding, Severity};
+use crate::types::{
+    WarningCode,
+    metrics::{Finding, Severity},
+};
 
 /// What the findings rest on besides the published metrics.
 pub(super) struct Evidence<'a> {
@@ -64,11 +67,11 @@ struct Diagnoser<'a> {
     evidence: &'a Evidence<'a>,
 }
 
-fn warning(code: &str, slices: Vec<u32>, detail: String) -> Finding {
-    Finding { code: code.to_owned(), severity: Severity::Warning, detail, slices }
+fn warning(code: WarningCode, slices: Vec<u32>, detail: String) -> Finding {
+    Finding { code, severity: Severity::Warning, detail, slices }
 }
 
-fn note(code: &str, slices: Vec<u32>, detail: String) -> Finding {
+fn note(code: WarningCode, slices: Vec<u32>, detail: String) -> Finding {
     Finding { severity: Severity::Note, ..warning(code, slices, detail) }
 }
 

@@ -1,7 +1,7 @@
 //! Findings on identity and order: `duplicate_slice`, `slices_reversed`, `slices_out_of_order`.
 
 use super::{Diagnoser, geometry, warning};
-use crate::types::metrics::Finding;
+use crate::types::{WarningCode, metrics::Finding};
 
 impl Diagnoser<'_> {
     pub(super) fn duplicates(&self) -> Vec<Finding> {
@@ -13,7 +13,7 @@ impl Diagnoser<'_> {
                 self.name(slice),
                 self.name(original)
             );
-            warning("duplicate_slice", vec![original, slice], detail)
+            warning(WarningCode::DuplicateSlice, vec![original, slice], detail)
         });
         findings.collect()
     }
@@ -34,7 +34,7 @@ impl Diagnoser<'_> {
             self.name(last),
             residual.corner_drift_px
         );
-        Some(warning("slices_reversed", Vec::new(), detail))
+        Some(warning(WarningCode::SlicesReversed, Vec::new(), detail))
     }
 
     pub(super) fn out_of_order(&self) -> Option<Finding> {
@@ -47,7 +47,7 @@ impl Diagnoser<'_> {
              set the order in manifest.json",
             self.named(&misplaced)
         );
-        Some(warning("slices_out_of_order", misplaced, detail))
+        Some(warning(WarningCode::SlicesOutOfOrder, misplaced, detail))
     }
 }
 

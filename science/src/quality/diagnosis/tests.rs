@@ -85,7 +85,7 @@ fn a_flash_on_the_reference_slice_is_no_drift_of_the_others() {
         // a drift beside it is found too
         let drift = |n: usize| 1.0 + 0.03 * (n as f64 - 4.0);
         let both = Stack::of(9).with_brightness(|n| drift(n) * if n == flash { 1.08 } else { 1.0 });
-        let codes: Vec<String> = both.findings().into_iter().map(|finding| finding.code).collect();
+        let codes: Vec<String> = both.findings().into_iter().map(|finding| finding.code.to_string()).collect();
         assert_eq!(codes, ["exposure_flicker", "exposure_drift"], "flash at {flash}");
     }
 }

@@ -9,7 +9,7 @@ use crate::{
     http::{ApiResult, App, extract::path::name, ingest::fields::Fields},
 };
 use pinstack_science::types::{
-    Warning, calibration_options::CalibrationOptions, profile::MAX_SLICES, stack_layout::StackLayout,
+    Warning, WarningCode, calibration_options::CalibrationOptions, profile::MAX_SLICES, stack_layout::StackLayout,
 };
 
 /// A dot-target stack to calibrate from.
@@ -58,7 +58,7 @@ impl CalibrationSubmission {
         if !layout.back.is_empty() {
             let detail =
                 format!("{} back-light slices are ignored: a calibration uses the front light only", layout.back.len());
-            warnings.push(Warning::new("back_light_ignored", detail));
+            warnings.push(Warning::new(WarningCode::BackLightIgnored, detail));
         }
         let layout = StackLayout { back: Vec::new(), ..layout };
         Ok((CalibrationRequest { options: self.options.clone(), upload, layout }, warnings))

@@ -106,7 +106,7 @@ fn findings(report: &CalibrationReport) -> String {
         .findings
         .iter()
         .map(|finding| {
-            format!("<li>{} <code>{}</code></li>\n", escape(&sentence(&finding.detail)), escape(&finding.code))
+            format!("<li>{} <code>{}</code></li>\n", escape(&sentence(&finding.detail)), escape(finding.code.as_str()))
         })
         .collect();
     format!("<section>\n<h2>Findings</h2>\n<ul class=\"findings\">\n{items}</ul>\n</section>\n")

@@ -2,7 +2,7 @@
 //! third.
 
 use pinstack_science::types::{
-    Warning,
+    Warning, WarningCode,
     profile::{CaptureMode, HomographyModel},
     report::{
         CalibrationReport, CameraReport, CaptureReport, DotReport, Drift, Grade, ModelCandidate, RailReport,
@@ -40,7 +40,7 @@ pub(super) fn report(count: usize) -> CalibrationReport {
                 .into(),
         grade: Grade::Good,
         findings: vec![Warning::new(
-            "slice_interpolated",
+            WarningCode::SliceInterpolated,
             "too blurred to be measured, and therefore predicted from the other slices: target_12.tif",
         )],
         target: TargetReport {

@@ -2,7 +2,7 @@
 
 use super::{STYLE, Subject, page, testkit};
 use pinstack_science::types::{
-    Warning,
+    Warning, WarningCode,
     report::{CameraReport, Grade},
 };
 
@@ -89,7 +89,7 @@ fn names_and_sentences_are_escaped() {
     let mut report = testkit::report(13);
     report.slices[3].name = evil.into();
     report.verdict = evil.into();
-    report.findings = vec![Warning::new("<b>", evil)];
+    report.findings = vec![Warning::new(WarningCode::Other("<b>".into()), evil)];
     report.model_reason = evil.into();
     report.capture.detail = evil.into();
     report.camera.detail = evil.into();

@@ -25,14 +25,14 @@ pub fn warnings(job: &Job, outcome: Option<&StackOutcome>) -> Markup {
             section {
                 h2 { "Warnings" }
                 ul.warnings {
-                    @for warning in &job.warnings { li { (sentence(&warning.detail)) " " (explained(&warning.code)) } }
+                    @for warning in &job.warnings { li { (sentence(&warning.detail)) " " (explained(warning.code.as_str())) } }
                 }
             }
         }
         @if !notes.is_empty() {
             section {
                 h2 { "Notes" }
-                ul { @for note in notes { li { (sentence(&note.detail)) " " (explained(&note.code)) } } }
+                ul { @for note in notes { li { (sentence(&note.detail)) " " (explained(note.code.as_str())) } } }
             }
         }
     }

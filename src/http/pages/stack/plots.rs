@@ -61,7 +61,7 @@ pub fn plots(metrics: &Metrics, reference: Option<usize>) -> Markup {
     let mut named: BTreeMap<usize, Vec<&str>> = BTreeMap::new();
     for finding in metrics.findings.iter().filter(|finding| finding.severity == Severity::Warning) {
         for slice in &finding.slices {
-            named.entry(*slice as usize).or_default().push(&finding.code);
+            named.entry(*slice as usize).or_default().push(finding.code.as_str());
         }
     }
     html! {

@@ -9,7 +9,7 @@ use super::{
 use crate::{
     photogrammetry::poses::{KnownScale, Pose, PoseOptions, view_key},
     types::{
-        Error, Warning,
+        Error, Warning, WarningCode,
         error::{ErrorKind, ErrorLocation},
     },
 };
@@ -43,7 +43,7 @@ pub(super) fn scale(
             };
             if ring < LEAST_RING {
                 findings.push(Warning::new(
-                    "no_scale",
+                    WarningCode::NoScale,
                     "all views are at a tilt of about 90 degrees, where a ring is too small to give the scale by \
                      radius_mm; give pair_from, pair_to and pair_mm, or add a ring of views at another tilt",
                 ));

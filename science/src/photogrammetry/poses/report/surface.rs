@@ -10,7 +10,7 @@ use crate::{
         sphere::{SphereFitError, fit_sphere},
         turntable::{Direction, Turntable, measure},
     },
-    types::Warning,
+    types::{Warning, WarningCode},
 };
 
 /// A fitted sphere or circle, in the unit of the file.
@@ -51,7 +51,7 @@ impl Surface {
                         .to_owned()
                 }
             };
-            findings.push(Warning::new("no_surface", detail));
+            findings.push(Warning::new(WarningCode::NoSurface, detail));
             return None;
         };
         let detail = match refused {
@@ -67,7 +67,7 @@ impl Surface {
                     .to_owned()
             }
         };
-        findings.push(Warning::new("one_ring", detail));
+        findings.push(Warning::new(WarningCode::OneRing, detail));
         let (centre, radius) = (fit.centre, fit.radius);
         Some(Self { kind: SurfaceKind::Circle, centre, radius, residuals: fit.residuals, used: fit.used })
     }
