@@ -2,6 +2,7 @@
 
 use super::facts::Facts;
 use crate::calibration::{detection::grid_steps, grade::Finding, lattice::Places, statistics::range, tracked::Tracked};
+use crate::types::WarningCode;
 
 /// Share of the image that the dots cover, below which the target is small.
 const SMALL: f64 = 0.25;
