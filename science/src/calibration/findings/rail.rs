@@ -2,8 +2,7 @@
 
 use super::facts::Facts;
 use crate::calibration::rail_anomalies::{Jump, RailAnomaly};
-use crate::calibration::{camera, capture};
-use crate::calibration::{grade::Finding, names::first_names};
+use crate::calibration::{camera, capture, grade::Finding, names::first_names};
 use crate::types::{WarningCode, report::Grade};
 
 /// How far the image jumps, as a predicate.
