@@ -134,62 +134,34 @@ pub trait Sample:
     fn wrap(samples: Vec<Self>) -> Samples;
 }
 
-impl Sample for u8 {
-    const DEPTH: Depth = Depth::Eight;
-    const BYTES: usize = 1;
-    const TO_SIXTEEN: u32 = 257;
-    type Sum = u16;
+/// The samples of one type, which are those of one variant of [`Samples`].
+macro_rules! sample {
+    ($type:ty, $depth:ident, $to_sixteen:literal, $sum:ty) => {
+        impl Sample for $type {
+            const DEPTH: Depth = Depth::$depth;
+            const BYTES: usize = size_of::<$type>();
+            const TO_SIXTEEN: u32 = $to_sixteen;
+            type Sum = $sum;
 
-    #[inline(always)]
-    fn rounded(value: f32) -> Self {
-        simd::truncated(value + 0.5, 255) as Self
-    }
+            #[inline(always)]
+            fn rounded(value: f32) -> Self {
+                simd::truncated(value + 0.5, <$type>::MAX.into()) as Self
+            }
 
-    fn of(samples: &Samples) -> Option<&[Self]> {
-        match samples {
-            Samples::Eight(samples) => Some(samples),
-            Samples::Sixteen(_) => None,
+            fn of(samples: &Samples) -> Option<&[Self]> {
+                if let Samples::$depth(samples) = samples { Some(samples) } else { None }
+            }
+
+            fn from_samples(samples: Samples) -> Option<Vec<Self>> {
+                if let Samples::$depth(samples) = samples { Some(samples) } else { None }
+            }
+
+            fn wrap(samples: Vec<Self>) -> Samples {
+                Samples::$depth(samples)
+            }
         }
-    }
-
-    fn from_samples(samples: Samples) -> Option<Vec<Self>> {
-        match samples {
-            Samples::Eight(samples) => Some(samples),
-            Samples::Sixteen(_) => None,
-        }
-    }
-
-    fn wrap(samples: Vec<Self>) -> Samples {
-        Samples::Eight(samples)
-    }
+    };
 }
 
-impl Sample for u16 {
-    const DEPTH: Depth = Depth::Sixteen;
-    const BYTES: usize = 2;
-    const TO_SIXTEEN: u32 = 1;
-    type Sum = i32;
-
-    #[inline(always)]
-    fn rounded(value: f32) -> Self {
-        simd::truncated(value + 0.5, 65_535) as Self
-    }
-
-    fn of(samples: &Samples) -> Option<&[Self]> {
-        match samples {
-            Samples::Eight(_) => None,
-            Samples::Sixteen(samples) => Some(samples),
-        }
-    }
-
-    fn from_samples(samples: Samples) -> Option<Vec<Self>> {
-        match samples {
-            Samples::Eight(_) => None,
-            Samples::Sixteen(samples) => Some(samples),
-        }
-    }
-
-    fn wrap(samples: Vec<Self>) -> Samples {
-        Samples::Sixteen(samples)
-    }
-}
+sample!(u8, Eight, 257, u16);
+sample!(u16, Sixteen, 1, i32);
