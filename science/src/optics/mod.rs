@@ -11,12 +11,11 @@ pub mod plan;
 mod sheet;
 mod svg;
 
-use crate::types::{Error, ErrorKind, error::ErrorLocation};
+use crate::types::{Error, ErrorKind};
 
 /// The error for a parameter that breaks a rule.
 fn refused(name: &str, detail: String) -> Error {
-    let location = ErrorLocation { detail: detail.clone(), pointer: Some(name.to_owned()), ..ErrorLocation::default() };
-    Error::new(ErrorKind::InvalidParameter, detail).at(location)
+    Error::new(ErrorKind::InvalidParameter, detail).in_field(name, None)
 }
 
 /// Checks that a number is in its range.

@@ -115,6 +115,13 @@ impl Error {
         self.at(ErrorLocation { detail, file: Some(file.into()), slice, ..ErrorLocation::default() })
     }
 
+    /// Adds the field or parameter (and the 0-based slice) that the error concerns.
+    #[must_use]
+    pub fn in_field(self, pointer: impl Into<String>, slice: Option<u32>) -> Self {
+        let detail = self.detail.clone();
+        self.at(ErrorLocation { detail, pointer: Some(pointer.into()), file: None, slice })
+    }
+
     /// Adds the error that caused this one.
     #[must_use]
     pub fn caused_by(mut self, source: impl StdError + Send + Sync + 'static) -> Self {

@@ -62,7 +62,8 @@ pub fn rebase(
             "the matrix of slice {reference}, the reference, is singular: measure it again, or set reference_index to \
              another slice"
         );
-        return Err(refused_at(format!("/homographies/{reference}"), Some(index), detail));
+        let pointer = format!("/homographies/{reference}");
+        return Err(Error::new(ErrorKind::InvalidProfile, detail).in_field(pointer, Some(index)));
     };
     let rebased: Vec<Option<Homography>> = given.iter().map(|h| h.then(&back)).collect();
     refuse(&rebased, Option::is_none, "a matrix that cannot be rebased on the reference slice")?;
@@ -93,7 +94,8 @@ fn refuse_input(matrices: &[[f64; 9]], reference: Option<u32>) -> Result<(), Err
         return Err(Error::new(ErrorKind::InvalidProfile, detail));
     }
     if let Some(reference) = reference.filter(|&index| index as usize >= count) {
-        return Err(refused_at("/reference_index".into(), None, reference_beyond(reference as usize, count)));
+        let detail = reference_beyond(reference as usize, count);
+        return Err(Error::new(ErrorKind::InvalidProfile, detail).in_field("/reference_index", None));
     }
     refuse(
         matrices,
@@ -121,12 +123,6 @@ fn normalised(matrices: &[[f64; 9]], direction: Direction) -> Result<Vec<Homogra
         .collect();
     refuse(&normalised, Option::is_none, "a singular matrix, or one whose last element is zero")?;
     Ok(normalised.into_iter().flatten().collect())
-}
-
-/// An error about one place of the profile.
-fn refused_at(pointer: String, slice: Option<u32>, detail: String) -> Error {
-    let location = ErrorLocation { detail: detail.clone(), pointer: Some(pointer), slice, ..ErrorLocation::default() };
-    Error::new(ErrorKind::InvalidProfile, detail).at(location)
 }
 
 /// The slice whose matrix is the identity, of several the one nearest the middle; without one the middle slice.

@@ -267,9 +267,7 @@ impl RigParameters {
 }
 
 fn at(pointer: &str, detail: impl Into<String>, slice: Option<u32>) -> Error {
-    let detail = detail.into();
-    let place = ErrorLocation { detail: detail.clone(), pointer: Some(pointer.to_owned()), file: None, slice };
-    Error::new(ErrorKind::InvalidProfile, detail).at(place)
+    Error::new(ErrorKind::InvalidProfile, detail).in_field(pointer, slice)
 }
 
 #[cfg(test)]

@@ -8,10 +8,7 @@ use super::{
 };
 use crate::{
     photogrammetry::poses::{KnownScale, Pose, PoseOptions, view_key},
-    types::{
-        Error, Warning, WarningCode,
-        error::{ErrorKind, ErrorLocation},
-    },
+    types::{Error, ErrorKind, Warning, WarningCode},
 };
 
 /// Smallest radius of a ring over that of the sphere. On a smaller ring, an error of the tilt of 0.1 degrees changes
@@ -74,7 +71,5 @@ pub(super) fn scale(
 }
 
 fn refused(parameter: &str, detail: String) -> Error {
-    let place =
-        ErrorLocation { detail: detail.clone(), pointer: Some(parameter.to_owned()), ..ErrorLocation::default() };
-    Error::new(ErrorKind::InvalidParameter, detail).at(place)
+    Error::new(ErrorKind::InvalidParameter, detail).in_field(parameter, None)
 }

@@ -6,8 +6,8 @@ use super::types::{SurfaceKind, SurfaceReport};
 use crate::{
     photogrammetry::poses::{
         Pose,
-        circle::fit_circle,
-        sphere::{SphereFitError, fit_sphere},
+        circle::{CircleFit, fit_circle},
+        sphere::{SphereFit, SphereFitError, fit_sphere},
         turntable::{Direction, Turntable, measure},
     },
     types::{Warning, WarningCode},
@@ -26,15 +26,8 @@ impl Surface {
     pub(super) fn of(poses: &[&Pose], findings: &mut Vec<Warning>) -> Option<Self> {
         let centres: Vec<[f64; 3]> = poses.iter().map(|pose| pose.centre).collect();
         let refused = match fit_sphere(&centres) {
-            Ok(fit) => {
-                let (centre, radius) = (fit.centre, fit.radius);
-                return Some(Self {
-                    kind: SurfaceKind::Sphere,
-                    centre,
-                    radius,
-                    residuals: fit.residuals,
-                    used: fit.used,
-                });
+            Ok(SphereFit { centre, radius, residuals, used }) => {
+                return Some(Self { kind: SurfaceKind::Sphere, centre, radius, residuals, used });
             }
             Err(refused) => refused,
         };
@@ -42,7 +35,7 @@ impl Surface {
             SphereFitError::Coplanar | SphereFitError::TooFew(_) => fit_circle(&centres),
             SphereFitError::NotFinite(_) => None,
         };
-        let Some(fit) = fit else {
+        let Some(CircleFit { centre, radius, residuals, used, .. }) = fit else {
             let detail = match refused {
                 SphereFitError::TooFew(0..=2) | SphereFitError::NotFinite(_) => refused.to_string(),
                 SphereFitError::Coplanar | SphereFitError::TooFew(_) => {
@@ -68,8 +61,7 @@ impl Surface {
             }
         };
         findings.push(Warning::new(WarningCode::OneRing, detail));
-        let (centre, radius) = (fit.centre, fit.radius);
-        Some(Self { kind: SurfaceKind::Circle, centre, radius, residuals: fit.residuals, used: fit.used })
+        Some(Self { kind: SurfaceKind::Circle, centre, radius, residuals, used })
     }
 
     /// Pan and tilt of the views whose commanded angles are known, and their indices. `None` for a circle through views
