@@ -141,6 +141,23 @@ const NEAR_BYTES: u64 = 1 << 20;
 ///
 /// # Errors
 /// As [`open`].
+///
+/// # Example
+/// ```
+/// use pinstack_science::{archive, imaging::{Raster, Slices, codec}};
+///
+/// let picture = |grey| {
+///     let mut png = Vec::new();
+///     codec::encode_png(&mut png, &Raster::eight(32, 24, 1, vec![grey; 32 * 24]), &codec::Metadata::default())?;
+///     std::io::Result::Ok(png)
+/// };
+/// let mut zip = std::io::Cursor::new(Vec::new());
+/// archive::pack(&mut zip, [("b_10.png".into(), picture(10)?), ("b_9.png".into(), picture(9)?)].into_iter())?;
+/// let stack = archive::open_in_memory(zip.into_inner(), &archive::ArchiveLimits::default())?;
+/// assert_eq!(stack.layout().front, ["b_9.png", "b_10.png"]);
+/// assert_eq!(stack.front().load(1)?.luma().at(0, 0), 10.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn open_in_memory(zip: Vec<u8>, limits: &ArchiveLimits) -> Result<StackArchive, Error> {
     checked(Container::in_memory(zip, limits)?, limits, u64::MAX)
 }

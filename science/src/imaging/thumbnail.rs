@@ -18,6 +18,14 @@ fn square_side(raster: &Raster, max_side: usize) -> usize {
 /// The luma of `raster` averaged over squares, so that the longer side has at most `max_side` px, unless the shorter
 /// side has too few px for that: one channel of 8 bits. Pixels at the right and bottom that do not fill a square are
 /// ignored.
+///
+/// # Example
+/// ```
+/// use pinstack_science::imaging::{Raster, thumbnail};
+///
+/// let picture = Raster::eight(4, 2, 1, vec![10, 30, 100, 100, 20, 40, 100, 100]);
+/// assert_eq!(thumbnail::luma(&picture, 2), Raster::eight(2, 1, 1, vec![25, 100]));
+/// ```
 pub fn luma(raster: &Raster, max_side: usize) -> Raster {
     let step = square_side(raster, max_side);
     match &raster.samples {

@@ -97,6 +97,17 @@ impl TargetPage {
     /// [`crate::types::ErrorKind::InvalidParameter`] with the parameter: a number outside its range, more than 65,536
     /// dots, dots that would touch, a grid that does not fit on the paper (with the number of dots that do), or a PDF
     /// page that is too small or too large for PDF readers.
+    ///
+    /// # Example
+    /// ```
+    /// use pinstack_science::optics::page::{TargetInput, TargetPage};
+    ///
+    /// let input: TargetInput = serde_json::from_str(r#"{ "pitch_mm": 2, "columns": 14, "rows": 10, "coded": true }"#)?;
+    /// let page = TargetPage::new(&input)?;
+    /// assert_eq!((page.dots.len(), page.width), (140, 210.0));
+    /// assert!(page.pdf().starts_with(b"%PDF-"));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn new(input: &TargetInput) -> Result<Self, Error> {
         let [finest, coarsest] = PITCH_MM;
         require("pitch_mm", input.pitch_mm, finest, coarsest)?;

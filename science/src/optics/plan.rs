@@ -44,6 +44,20 @@ use path::Path;
 /// # Errors
 /// [`crate::types::ErrorKind::InvalidParameter`] with the parameter: a number outside its range, both or neither of
 /// magnification and object distance, an object that reaches the lens, or more than 1000 slices.
+///
+/// # Example
+/// ```
+/// use pinstack_science::optics::{advice::advice, plan::{PlanInput, plan}};
+///
+/// let input: PlanInput = serde_json::from_str(
+///     r#"{ "focal_mm": 65, "f_number": 5.6, "magnification": 1, "pixel_pitch_um": 4.14, "object_depth_mm": 5,
+///          "mode": "fixed_lens", "image_width": 6000, "image_height": 4000 }"#,
+/// )?;
+/// let plan = plan(&input)?;
+/// assert_eq!(plan.rail_positions_mm.len(), plan.slice_count as usize);
+/// assert!(advice(&plan).pitch_mm > 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn plan(input: &PlanInput) -> Result<CapturePlan, Error> {
     input.check()?;
     let lens = Lens::of(input);

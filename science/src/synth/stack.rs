@@ -40,6 +40,19 @@ enum Subject {
 
 impl Rendered {
     /// The slices of a scene.
+    ///
+    /// # Example
+    /// ```
+    /// use std::sync::Arc;
+    ///
+    /// use pinstack_science::{imaging::Slices, synth::{Light, Rendered, Rig, Scene, Stage}};
+    ///
+    /// let stage = Arc::new(Stage::new(&Rig::sized(96, 64, 3), &Scene::insect(1)));
+    /// let (slices, truth) = (Rendered::scene(stage.clone(), Light::Front), stage.truth());
+    /// assert_eq!((slices.count(), slices.load(0)?.width), (3, 96));
+    /// assert!(truth.mask.data.contains(&255) && truth.mask.data.contains(&0));
+    /// # Ok::<(), pinstack_science::types::Error>(())
+    /// ```
     pub fn scene(stage: Arc<Stage>, light: Light) -> Self {
         let kind = match light {
             Light::Front => "front",

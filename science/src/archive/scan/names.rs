@@ -56,6 +56,16 @@ pub struct NamedView {
 /// # Errors
 /// [`ErrorKind::InvalidArchive`](crate::types::ErrorKind) for absolute names, `..`, control characters, names that are
 /// too long or the same; a `manifest.json` without its content, or with one that does not match.
+///
+/// # Example
+/// ```
+/// use pinstack_science::archive::{ScanRules, scan::group_names};
+///
+/// let names = ["pan000_tilt10/1.jpg", "pan000_tilt10/2.jpg", "pan020_tilt10/1.jpg", "pan020_tilt10/2.jpg"];
+/// let found = group_names(&names.map(String::from), None, &ScanRules::default())?;
+/// assert_eq!((found.views.len(), found.views[1].pan_deg), (2, Some(20.0)));
+/// # Ok::<(), pinstack_science::types::Error>(())
+/// ```
 pub fn group_names(names: &[String], listed: Option<&[u8]>, rules: &ScanRules) -> Result<NameGrouping, Error> {
     let mut warnings = Vec::new();
     let mut members = Vec::new();

@@ -56,6 +56,17 @@ pub fn probe(mut reader: impl BufRead + Seek, limits: &Limits) -> Result<Header,
 ///
 /// # Errors
 /// As [`probe`], and when the pixels are truncated or damaged.
+///
+/// # Example
+/// ```
+/// use pinstack_science::imaging::{Raster, codec};
+///
+/// let picture = Raster::sixteen(4, 3, 1, (0..12).collect());
+/// let mut tiff = std::io::Cursor::new(Vec::new());
+/// codec::encode_tiff(&mut tiff, &picture, &codec::Metadata::default())?;
+/// assert_eq!(codec::decode(&tiff.into_inner(), &codec::Limits::default()), Ok(picture));
+/// # Ok::<(), std::io::Error>(())
+/// ```
 pub fn decode(bytes: &[u8], limits: &Limits) -> Result<Raster, ImageFault> {
     decode_any(Cow::Borrowed(bytes), limits, Vec::new())
 }

@@ -139,6 +139,17 @@ impl Warp {
     ///
     /// # Panics
     /// When the number of samples does not match the slice size of [`Warp::new`].
+    ///
+    /// # Example
+    /// ```
+    /// use pinstack_science::{imaging::warp::Warp, types::Homography};
+    ///
+    /// // a slice of 8 x 8 px that lies one pixel too far to the left
+    /// let samples: Vec<u8> = (0..64).map(|i| 10 * (i % 8)).collect();
+    /// let warp = Warp::new(&Homography::similarity(1.0, [1.0, 0.0]), 1.0, (8, 8), (8, 8)).expect("not singular");
+    /// assert_eq!(warp.apply(samples, 1)[..8], [0, 0, 10, 20, 30, 40, 50, 60]);
+    /// assert_eq!(warp.coverage().span(0), 1..8);
+    /// ```
     pub fn apply<S: Sample>(&self, samples: Vec<S>, channels: usize) -> Vec<S> {
         match channels {
             1 => self.rows::<S, 1>(&samples).all(),

@@ -41,6 +41,20 @@ use entries::Bundle;
 ///
 /// # Errors
 /// [`ErrorKind::InvalidParameter`] for a scan without views, and for a view whose image the program takes for a mask.
+///
+/// # Example
+/// ```
+/// use pinstack_science::photogrammetry::bundle::{self, BundleScan, BundleView, Content, Layout};
+///
+/// let view = BundleView { stem: "head".into(), extension: "png".into(), bit_depth: 8, has_mask: true, angles: None };
+/// let scan = BundleScan {
+///     name: "bee".into(), width: 640, height: 480, intrinsics: None, canvas_centre_px: [319.5, 239.5],
+///     radius_mm: None, pan_is_clockwise: false, views: vec![view],
+/// };
+/// let files = bundle::plan(Layout::Meshroom, &scan)?;
+/// assert!(files.iter().any(|file| file.path == "masks/head.png" && file.content == Content::Mask(0)));
+/// # Ok::<(), pinstack_science::types::Error>(())
+/// ```
 pub fn plan(layout: Layout, scan: &BundleScan) -> Result<Vec<Entry>, Error> {
     if scan.views.is_empty() {
         return Err(Error::new(ErrorKind::InvalidParameter, "the scan has no views to bundle; send them first"));

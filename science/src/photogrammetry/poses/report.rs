@@ -33,6 +33,20 @@ mod tests;
 /// # Errors
 /// [`ErrorKind::InvalidParameter`] when a view that is to give the scale is not registered;
 /// [`ErrorKind::InvalidPoses`] when no view of the file is among the views that should be registered.
+///
+/// # Example
+/// ```
+/// use pinstack_science::photogrammetry::poses::{PoseOptions, read, report};
+///
+/// let row = |pan: i32| {
+///     let (y, x) = f64::from(pan).to_radians().sin_cos();
+///     format!("pan{pan:03}_tilt00.png,{x},{y},0\n")
+/// };
+/// let csv: String = ["name,x,y,z\n".into()].into_iter().chain((0..360).step_by(20).map(row)).collect();
+/// let report = report(&read(csv.as_bytes(), None)?, &PoseOptions::default())?;
+/// assert!((report.pan_steps.expect("steps").mean_deg - 20.0).abs() < 1e-9);
+/// # Ok::<(), pinstack_science::types::Error>(())
+/// ```
 pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Error> {
     let Views { poses, commanded, not_registered, unknown, duplicates } = Views::of(file, options);
     if !unknown.is_empty() && unknown.len() == poses.len() {

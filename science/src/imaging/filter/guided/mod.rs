@@ -81,6 +81,19 @@ impl GuidedFilter {
     ///
     /// The edges of the guide count as the edges of the image: where the image continues, pass [`GuidedFilter::reach`]
     /// px more around `inner`.
+    ///
+    /// # Example
+    /// ```
+    /// use pinstack_science::imaging::{Plane, Rect, filter::guided::{Guide, GuidedFilter}};
+    ///
+    /// // the map follows an edge of the guide but for one pixel, which the filter corrects
+    /// let grey = Plane::from_fn(32, 32, |x, _| if x < 16 { 0 } else { u16::MAX });
+    /// let map = Plane::from_fn(32, 32, |x, y| x >= 16 || (x, y) == (4, 16));
+    /// let (valid, mut out) = (vec![0..32; 32], [0.0; 32]);
+    /// let row = Rect { x: 0, y: 16, width: 32, height: 1 };
+    /// GuidedFilter::new(5, 1e-4).apply(Guide { grey: &grey, valid: &valid }, &map, row, &mut out);
+    /// assert!(out[4] < 0.1 && out[15] < 0.1 && out[16] > 0.9);
+    /// ```
     pub fn apply(&mut self, guide: Guide<'_>, map: &Plane<bool>, inner: Rect, out: &mut [f32]) {
         let mut rows = self.rows(guide, map, inner);
         for out in out.chunks_exact_mut(inner.width.max(1)) {
