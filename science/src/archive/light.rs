@@ -9,87 +9,24 @@ pub enum Light {
     Back,
 }
 
-/// Folder names of front-light slices: English, German, French, Spanish, Italian, Dutch.
-const FRONT: [&str; 34] = [
-    "front",
-    "frontlight",
-    "frontlit",
-    "fg",
-    "foreground",
-    "withoutbacklight",
-    "vorne",
-    "vordergrund",
-    "vorderlicht",
-    "frontlicht",
-    "auflicht",
-    "beleuchtet",
-    "ohnegegenlicht",
-    "avant",
-    "devant",
-    "lumiereavant",
-    "eclairageavant",
-    "sanscontrejour",
-    "frente",
-    "frontal",
-    "delante",
-    "luzfrontal",
-    "sincontraluz",
-    "fronte",
-    "frontale",
-    "davanti",
-    "lucefrontale",
-    "senzacontroluce",
-    "voor",
-    "voorkant",
-    "voorgrond",
-    "voorlicht",
-    "opvallendlicht",
-    "zondertegenlicht",
+/// Folder names of front-light slices, one line per language: English, German, French, Spanish, Italian, Dutch.
+const FRONT: [&str; 6] = [
+    "front frontlight frontlit fg foreground withoutbacklight",
+    "vorne vordergrund vorderlicht frontlicht auflicht beleuchtet ohnegegenlicht",
+    "avant devant lumiereavant eclairageavant sanscontrejour",
+    "frente frontal delante luzfrontal sincontraluz",
+    "fronte frontale davanti lucefrontale senzacontroluce",
+    "voor voorkant voorgrond voorlicht opvallendlicht zondertegenlicht",
 ];
 
 /// Folder names of back-light slices, in the same languages.
-const BACK: [&str; 41] = [
-    "back",
-    "backlight",
-    "backlit",
-    "bg",
-    "background",
-    "withbacklight",
-    "hinten",
-    "hintergrund",
-    "hintergrundlicht",
-    "gegenlicht",
-    "durchlicht",
-    "rucklicht",
-    "ruecklicht",
-    "mitgegenlicht",
-    "arriere",
-    "derriere",
-    "fond",
-    "contrejour",
-    "aveccontrejour",
-    "lumierearriere",
-    "eclairagearriere",
-    "retroeclairage",
-    "contraluz",
-    "concontraluz",
-    "fondo",
-    "detras",
-    "trasera",
-    "luztrasera",
-    "retroiluminacion",
-    "controluce",
-    "concontroluce",
-    "dietro",
-    "retro",
-    "sfondo",
-    "retroilluminazione",
-    "achter",
-    "achterkant",
-    "achtergrond",
-    "achterlicht",
-    "tegenlicht",
-    "doorvallendlicht",
+const BACK: [&str; 6] = [
+    "back backlight backlit bg background withbacklight",
+    "hinten hintergrund hintergrundlicht gegenlicht durchlicht rucklicht ruecklicht mitgegenlicht",
+    "arriere derriere fond contrejour aveccontrejour lumierearriere eclairagearriere retroeclairage",
+    "contraluz concontraluz fondo detras trasera luztrasera retroiluminacion",
+    "controluce concontroluce dietro retro sfondo retroilluminazione",
+    "achter achterkant achtergrond achterlicht tegenlicht doorvallendlicht",
 ];
 
 impl Light {
@@ -103,7 +40,7 @@ impl Light {
     /// Case, accents, blanks, `_` and `-` are ignored.
     pub fn of_folder(name: &str) -> Option<Self> {
         let plain = plain(name);
-        let is_in = |names: &[&str]| names.contains(&plain.as_str());
+        let is_in = |names: &[&str]| names.iter().any(|line| line.split(' ').any(|name| name == plain));
         match (is_in(&FRONT), is_in(&BACK)) {
             (true, _) => Some(Self::Front),
             (_, true) => Some(Self::Back),
@@ -160,9 +97,11 @@ mod tests {
 
     #[test]
     fn no_word_stands_for_both_lights_and_each_is_in_normal_form() {
-        for word in FRONT.iter().chain(&BACK) {
+        let words = |lines: [&'static str; 6]| lines.iter().flat_map(|line| line.split(' ')).collect::<Vec<_>>();
+        let (front, back) = (words(FRONT), words(BACK));
+        for word in front.iter().chain(&back) {
             assert_eq!(plain(word), *word);
-            assert!(!(FRONT.contains(word) && BACK.contains(word)), "{word}");
+            assert!(!(front.contains(word) && back.contains(word)), "{word}");
         }
     }
 }
