@@ -4,7 +4,7 @@
 //! outline is a step of brightness that no object has. Programs for texture maps call the remedy *edge padding* or
 //! *dilation*.
 
-use super::{Raster, Samples};
+use super::{Raster, Sample, Samples};
 
 /// Width of the padding, px: the reach of bicubic interpolation, and of the smallest blur of feature detectors.
 pub const PADDING_PX: usize = 4;
@@ -24,12 +24,6 @@ pub fn pad(image: &mut Raster) {
     }
 }
 
-/// A sample of 8 or 16 bits.
-trait Sample: Copy + Default + PartialEq + Into<u32> + TryFrom<u32> {}
-
-impl Sample for u8 {}
-impl Sample for u16 {}
-
 fn pad_samples<S: Sample>(samples: &mut [S], width: usize, height: usize) {
     // distance from the object in px; pixels beyond the padding have none
     const BEYOND: u8 = u8::MAX;
@@ -48,11 +42,11 @@ fn pad_samples<S: Sample>(samples: &mut [S], width: usize, height: usize) {
         for &pixel in &ring {
             let nearer = neighbours(pixel, width, height).filter(|&near| distance[near] < step);
             let (sum, count) = nearer.fold(([0_u32; 3], 0_u32), |(sum, count), near| {
-                (std::array::from_fn(|c| sum[c] + samples[4 * near + c].into()), count + 1)
+                (std::array::from_fn(|c| sum[c] + samples[4 * near + c].integer()), count + 1)
             });
             for (c, sum) in sum.into_iter().enumerate() {
                 let mean = (sum + count / 2) / count.max(1);
-                samples[4 * pixel + c] = S::try_from(mean).unwrap_or_default();
+                samples[4 * pixel + c] = S::rounded(mean as f32);
             }
         }
         ring.iter().for_each(|&pixel| distance[pixel] = step);

@@ -93,13 +93,13 @@ const BACKGROUND: u64 = 235;
 /// When `rgba` has fewer than four channels.
 pub fn flattened(rgba: &Raster, max_side: usize) -> Raster {
     match &rgba.samples {
-        Samples::Eight(samples) => block_means(rgba, samples, max_side, |v| u32::from(v) * 257),
-        Samples::Sixteen(samples) => block_means(rgba, samples, max_side, u32::from),
+        Samples::Eight(samples) => block_means(rgba, samples, max_side),
+        Samples::Sixteen(samples) => block_means(rgba, samples, max_side),
     }
 }
 
-/// `wide` scales a sample to 0..=65535.
-fn block_means<S: Copy>(image: &Raster, samples: &[S], max_side: usize, wide: impl Fn(S) -> u32) -> Raster {
+fn block_means<S: Sample>(image: &Raster, samples: &[S], max_side: usize) -> Raster {
+    let wide = |sample: S| u64::from(sample.integer() * S::TO_SIXTEEN);
     let longest = image.width.max(image.height);
     let side = |length: usize| match longest <= max_side {
         true => length,
@@ -117,9 +117,9 @@ fn block_means<S: Copy>(image: &Raster, samples: &[S], max_side: usize, wide: im
                 let run =
                     &samples[(row * image.width + columns.start) * step..(row * image.width + columns.end) * step];
                 for pixel in run.chunks_exact(step) {
-                    let alpha = u64::from(wide(pixel[3]));
+                    let alpha = wide(pixel[3]);
                     for (sum, &sample) in sums.iter_mut().zip(&pixel[..3]) {
-                        *sum += alpha * u64::from(wide(sample));
+                        *sum += alpha * wide(sample);
                     }
                     sums[3] += alpha;
                 }
