@@ -63,6 +63,18 @@ pub(super) fn pieces(name: &str) -> Vec<Piece<'_>> {
     out
 }
 
+/// The piece of each name in which the names differ, without their extensions; `None` unless that is exactly one.
+pub(super) fn varying_pieces<'a>(names: impl Iterator<Item = &'a str>) -> Option<Vec<Piece<'a>>> {
+    let mut cut: Vec<Vec<Piece<'_>>> = names.map(|name| pieces(member_names::stem(name))).collect();
+    let first = cut.first()?;
+    if cut.iter().any(|other| other.len() != first.len()) {
+        return None;
+    }
+    let mut varying = (0..first.len()).filter(|&i| cut.iter().any(|other| other[i] != first[i]));
+    let only = varying.next().filter(|_| varying.next().is_none())?;
+    Some(cut.iter_mut().map(|pieces| pieces.swap_remove(only)).collect())
+}
+
 /// Compares digits as numbers of any length.
 fn by_magnitude(a: &str, b: &str) -> Ordering {
     let (a, b) = (a.trim_start_matches('0'), b.trim_start_matches('0'));
@@ -109,20 +121,9 @@ const ROLLOVER_GAP: u32 = 5_000;
 /// and a high run that ends near 9999, and the gap between the runs is at least [`ROLLOVER_GAP`]. No other numbering
 /// leaves such a gap.
 fn rollover(names: &[&str]) -> Option<usize> {
-    let cut: Vec<Vec<Piece<'_>>> = names.iter().map(|name| pieces(member_names::stem(name))).collect();
-    let first = cut.first()?;
-    let same_shape = |other: &Vec<Piece<'_>>| other.len() == first.len();
-    if !cut.iter().all(same_shape) {
-        return None;
-    }
-    let mut varying = (0..first.len()).filter(|&i| cut.iter().any(|other| other[i] != first[i]));
-    let counter = varying.next()?;
-    if varying.next().is_some() {
-        return None;
-    }
-    let numbers: Vec<u32> = cut
+    let numbers: Vec<u32> = varying_pieces(names.iter().copied())?
         .iter()
-        .map(|pieces| match &pieces[counter] {
+        .map(|piece| match piece {
             Piece::Number { negative: false, digits } if digits.len() == COUNTER_DIGITS => digits.parse().ok(),
             _ => None,
         })

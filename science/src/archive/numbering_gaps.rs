@@ -13,17 +13,8 @@ const MOST: usize = 3;
 /// there are none, when the names differ in more than one number, or when that number has no step that over half of all
 /// share.
 pub fn skipped(names: &[String]) -> Option<String> {
-    let cut: Vec<Vec<Piece<'_>>> = names.iter().map(|name| natural_order::pieces(member_names::stem(name))).collect();
-    let first = cut.first()?;
-    if cut.iter().any(|other| other.len() != first.len()) {
-        return None;
-    }
-    let mut varying = (0..first.len()).filter(|&i| cut.iter().any(|other| other[i] != first[i]));
-    let counter = varying.next()?;
-    if varying.next().is_some() {
-        return None;
-    }
-    let numbers: Vec<i64> = cut.iter().map(|pieces| number(&pieces[counter])).collect::<Option<_>>()?;
+    let counters = natural_order::varying_pieces(names.iter().map(String::as_str))?;
+    let numbers: Vec<i64> = counters.iter().map(number).collect::<Option<_>>()?;
     // numbers that far apart number nothing
     let steps: Vec<i64> = numbers.windows(2).map(|pair| pair[1].checked_sub(pair[0])).collect::<Option<_>>()?;
     let usual = usual(&steps)?;
