@@ -1,5 +1,5 @@
-//! The rules of the options of stacks and calibrations. One row per range: the checks of a request and the schemas of the
-//! OpenAPI document both use these tables.
+//! The rules of the options of stacks and calibrations. One row per range: the checks of a request and the schemas of
+//! the OpenAPI document both use these tables.
 
 use pinstack_science::types::{calibration_options::CalibrationOptions, error::ErrorLocation, profile::RAIL_MM};
 

@@ -2,8 +2,8 @@
 
 /// Generates `Settings`, `Flags`, `Policy` and `ROWS`.
 ///
-/// - `values` have a default, `optional` settings may be unset (the text says what happens then), `lists` are flags that
-///   may be given several times.
+/// - `values` have a default, `optional` settings may be unset (the text says what happens then), `lists` are flags
+///   that may be given several times.
 /// - `in`, `at_least` and `check` are the rule of a setting.
 /// - `policy name: type` puts a setting into `Policy`; `= f` converts its value.
 /// - `beside` has the members of `Policy` that are no settings.

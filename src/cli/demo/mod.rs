@@ -1,5 +1,5 @@
-//! `pinstack demo`: calibrates and fuses a synthetic stack, or the scan of a specimen, through the service over HTTP, and
-//! compares the results with the truth of the renderer.
+//! `pinstack demo`: calibrates and fuses a synthetic stack, or the scan of a specimen, through the service over HTTP,
+//! and compares the results with the truth of the renderer.
 
 mod client;
 mod compare;
