@@ -4,16 +4,12 @@ use super::*;
 use crate::imaging::Raster;
 
 /// Mean of each metric over the ten pairs, each fused by `fuse`.
-pub(crate) fn over_lytro(mut fuse: impl FnMut(usize, &Raster, &Raster) -> Raster) -> Option<[f64; 7]> {
+pub(crate) fn over_lytro(mut fuse: impl FnMut(usize, &Raster, &Raster) -> Raster) -> [f64; 7] {
     let shared = std::env::var_os("PINSTACK_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);
     let folder = shared.join("data/lytro10");
-    if !folder.is_dir() {
-        println!("skipped: no {}", folder.display());
-        return None;
-    }
     let read = |name: String| {
-        let picture = image::open(folder.join(name)).unwrap().into_rgb8();
+        let picture = image::open(folder.join(name)).expect("a picture of PINSTACK_SHARED").into_rgb8();
         Raster::eight(picture.width() as usize, picture.height() as usize, 3, picture.into_raw())
     };
     let mut sums = [0.0; 7];
@@ -32,7 +28,7 @@ pub(crate) fn over_lytro(mut fuse: impl FnMut(usize, &Raster, &Raster) -> Raster
         ];
         sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value.unwrap() / 10.0);
     }
-    Some(sums)
+    sums
 }
 
 fn average(a: &Raster, b: &Raster) -> Raster {
@@ -45,8 +41,9 @@ fn average(a: &Raster, b: &Raster) -> Raster {
 
 // the fusion by the reference program is scored in `fusion`; the plain average needs no fusion
 #[test]
+#[ignore = "needs the pictures of PINSTACK_SHARED"]
 fn the_plain_average_of_the_lytro_pairs_keeps_its_scores() {
-    let Some(found) = over_lytro(|_, a, b| average(a, b)) else { return };
+    let found = over_lytro(|_, a, b| average(a, b));
     let expected = [0.5961, 0.8922, 0.7797, 11.924, 0.6805, 5.335, 204.66];
     for (found, expected) in found.into_iter().zip(expected) {
         assert!((found / expected - 1.0).abs() < 1e-3, "{found} instead of {expected}");
