@@ -55,10 +55,10 @@ fn main() {
         std::process::exit(2)
     });
     let wanted = |method: &Method| arguments.method.as_ref().is_none_or(|wanted| wanted == method.name());
-    let methods = Method::ALL.into_iter().filter(wanted);
+    let mut methods = Method::ALL.into_iter().filter(wanted);
     if let Some(folder) = &arguments.stack {
         let to = arguments.to.clone().unwrap_or_else(|| "relief.png".into());
-        return height::relief_of(folder, &to, methods.last().unwrap_or_default());
+        return height::relief_of(folder, &to, methods.next_back().unwrap_or_default());
     }
     println!("{}", Score::HEADER);
     for (scene, make) in SCENES.iter().filter(|(name, _)| arguments.scene.as_ref().is_none_or(|wanted| wanted == name))

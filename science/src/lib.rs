@@ -55,7 +55,7 @@
 //! # Ok::<(), pinstack_science::types::Interrupted>(())
 //! ```
 
-#![warn(unreachable_pub)]
+#![warn(unreachable_pub, clippy::disallowed_types)]
 
 pub mod imaging;
 pub mod target;

@@ -9,6 +9,7 @@ use super::{ApiError, ApiResult};
 use crate::telemetry::traces;
 
 /// Starts a task in the span of the request.
+#[expect(clippy::disallowed_methods, reason = "this is where the request goes along")]
 pub fn spawn<F>(work: F) -> JoinHandle<F::Output>
 where
     F: Future + Send + 'static,
@@ -26,6 +27,7 @@ pub async fn to_the_end<T: Send + 'static>(work: impl Future<Output = ApiResult<
 }
 
 /// Starts blocking work on a thread of its own, in the span of the request.
+#[expect(clippy::disallowed_methods, reason = "this is where the request goes along")]
 pub fn spawn_blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> JoinHandle<T> {
     let (span, work) = (Span::current(), traces::carried_by_thread(work));
     tokio::task::spawn_blocking(move || span.in_scope(work))

@@ -1,6 +1,8 @@
 //! The HTTP layer: requests in, views out. [`router`] lists every URL, each endpoint has a file of its own, and
 //! [`problem`] is the only place where an error becomes an answer. A problem code is one row in [`problem_types`].
 
+#![warn(clippy::disallowed_methods)]
+
 pub mod artifacts;
 pub mod auth;
 pub mod background;

@@ -47,6 +47,7 @@ pub async fn serve(app: App, listener: TcpListener) -> io::Result<()> {
 /// # Errors
 /// As [`serve`].
 pub async fn serve_over(app: App, listener: TcpListener, tls: Option<TlsAcceptor>) -> io::Result<()> {
+    #[expect(clippy::disallowed_methods, reason = "it belongs to no request")]
     let upkeep = tokio::spawn(upkeep());
     let connections = GracefulShutdown::new();
     accept_all(&app, &listener, tls, &connections).await;
@@ -89,6 +90,7 @@ async fn accept_all(app: &App, listener: &TcpListener, tls: Option<TlsAcceptor>,
                     tracing::debug!(%error, "TCP_NODELAY");
                 }
                 let stream = WriteTimeout::new(stream, app.policy.body_idle_timeout);
+                #[expect(clippy::disallowed_methods, reason = "no request has arrived on it")]
                 tokio::spawn(connection.serve(stream, tls.clone()));
             }
             Err(error) if is_of_one_connection(&error) => {}

@@ -1,9 +1,8 @@
 //! The layers of the code, checked by reading the source: `docs/ARCHITECTURE.md` gives the reasons.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::fs;
+
+use crate::source::{project, rust_files};
 
 /// The modules of `science/src`, lowest layer first. A module may name only modules of the layers before its own.
 const SCIENCE: &[&[&str]] = &[
@@ -31,24 +30,6 @@ const SERVICE: &[&[&str]] = &[
 /// The two crates: folder of the sources and layers.
 const CRATES: [(&str, &[&[&str]]); 2] = [("science/src", SCIENCE), ("src", SERVICE)];
 
-/// What the science must not name.
-const IMPURE: [&str; 12] = [
-    "tokio",
-    "axum",
-    "sqlx",
-    "tower",
-    "tower_http",
-    "reqwest",
-    "tracing",
-    "SystemTime",
-    "Instant",
-    "Timestamp::now",
-    "Zoned::now",
-    "async fn",
-];
-
-const LONGEST_FILE: usize = 600;
-
 /// A source file.
 struct Source {
     /// Path within the project.
@@ -59,50 +40,29 @@ struct Source {
     module: String,
     /// Its text without comments.
     code: String,
-    /// How many lines it has.
-    lines: usize,
 }
 
 impl Source {
     fn layer_of(&self, module: &str) -> Option<usize> {
         self.layers.iter().position(|layer| layer.contains(&module))
     }
-
-    fn is_science(&self) -> bool {
-        self.path.starts_with("science/")
-    }
-}
-
-fn find(folder: &Path, found: &mut Vec<PathBuf>) {
-    for entry in fs::read_dir(folder).expect("the folder can be read") {
-        let path = entry.expect("the folder can be read").path();
-        if path.is_dir() {
-            find(&path, found);
-        } else if path.extension().is_some_and(|e| e == "rs") {
-            found.push(path);
-        }
-    }
 }
 
 /// Every source file of both crates.
 fn files() -> Vec<Source> {
-    let project = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut all = Vec::new();
     for (folder, layers) in CRATES {
-        let root = project.join(folder);
-        let mut paths = Vec::new();
-        find(&root, &mut paths);
-        all.extend(paths.into_iter().map(|path| {
+        let root = project().join(folder);
+        all.extend(rust_files(&[folder]).into_iter().map(|path| {
             let relative = path.strip_prefix(&root).expect("inside the folder");
             let first = relative.components().next().expect("a file").as_os_str().to_string_lossy();
             let text = fs::read_to_string(&path).expect("source is UTF-8");
             let code: Vec<&str> = text.lines().map(|line| line.split("//").next().unwrap_or("")).collect();
             Source {
                 module: first.trim_end_matches(".rs").to_owned(),
-                path: path.strip_prefix(project).expect("inside the project").display().to_string(),
+                path: path.strip_prefix(project()).expect("inside the project").display().to_string(),
                 layers,
                 code: code.join("\n"),
-                lines: text.lines().count(),
             }
         }));
     }
@@ -164,25 +124,6 @@ fn every_module_belongs_to_a_layer() {
 }
 
 #[test]
-fn the_science_knows_no_runtime_no_database_and_no_clock() {
-    let mut wrong = Vec::new();
-    for source in files().into_iter().filter(Source::is_science) {
-        for word in IMPURE {
-            let is_named = source.code.match_indices(word).any(|(at, _)| {
-                let before = source.code[..at].chars().next_back();
-                let after = source.code[at + word.len()..].chars().next();
-                let part_of_a_word = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
-                !part_of_a_word(before) && !part_of_a_word(after)
-            });
-            if is_named {
-                wrong.push(format!("{} names {word}", source.path));
-            }
-        }
-    }
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-}
-
-#[test]
 fn one_module_alone_names_the_zip_crate() {
     // tests make zips of their own
     let is_test = |source: &Source| source.path.contains("tests") || source.path.contains("testkit");
@@ -194,27 +135,6 @@ fn one_module_alone_names_the_zip_crate() {
     let is_container = |path: &&String| path.starts_with("science/src/archive/container");
     let others: Vec<&String> = naming.iter().filter(|path| !is_container(path)).collect();
     assert!(others.is_empty(), "the zip crate is named by {others:?}; archive/container reads and writes zips");
-}
-
-#[test]
-fn work_beside_a_request_keeps_the_request_in_its_log_lines() {
-    let mut wrong = Vec::new();
-    for source in files().into_iter().filter(|source| source.module == "http") {
-        // the last polls for all requests and belongs to none
-        let allowed = ["http/background.rs", "http/serve.rs", "http/state/job_watch.rs"];
-        let starts_tasks = allowed.iter().any(|end| source.path.ends_with(end));
-        if !starts_tasks && (source.code.contains("tokio::spawn(") || source.code.contains("task::spawn_blocking(")) {
-            wrong.push(format!("{} starts a task by itself; use http::background", source.path));
-        }
-    }
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-}
-
-#[test]
-fn no_file_is_too_long_to_have_one_purpose() {
-    for Source { path, lines, .. } in files() {
-        assert!(lines <= LONGEST_FILE, "{path} has {lines} lines; split it (at most {LONGEST_FILE})");
-    }
 }
 
 #[test]

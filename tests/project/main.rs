@@ -1,4 +1,7 @@
-//! The project as a whole: layers of the code, licences and sources of the dependencies.
+//! The project as a whole: layers, circles and size of the code, licences and sources of the dependencies.
 
 mod architecture;
+mod circles;
 mod dependencies;
+mod size;
+mod source;

@@ -96,11 +96,11 @@ impl Graph {
     pub fn circles(&self) -> Vec<Vec<usize>> {
         let n = self.files.len();
         let mut reaches = vec![vec![false; n]; n];
-        for start in 0..n {
+        for (start, reached) in reaches.iter_mut().enumerate() {
             let mut open = vec![start];
             while let Some(at) = open.pop() {
                 for &(_, to) in self.arrows.range((at, 0)..(at + 1, 0)).map(|(arrow, _)| arrow) {
-                    if !std::mem::replace(&mut reaches[start][to], true) {
+                    if !std::mem::replace(&mut reached[to], true) {
                         open.push(to);
                     }
                 }
@@ -122,9 +122,8 @@ impl Graph {
 
     /// The lines of code of a file, trimmed: without blanks, comments, imports, lines of punctuation alone, and tests.
     pub fn code_lines(&self, index: usize) -> Vec<String> {
-        let is_code = |line: &&str| {
-            !(line.starts_with("//") || line.starts_with("use ")) && line.contains(char::is_alphanumeric)
-        };
+        let is_code =
+            |line: &&str| !(line.starts_with("//") || line.starts_with("use ")) && line.contains(char::is_alphanumeric);
         let lines = self.lines(index);
         lines.iter().map(|line| line.trim()).filter(is_code).map(str::to_owned).collect()
     }

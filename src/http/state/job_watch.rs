@@ -124,6 +124,7 @@ impl Ticket {
         waiters.next_ticket += 1;
         waiters.by_ticket.insert(number, Waiter { job, version, changed: Arc::clone(&changed) });
         if !std::mem::replace(&mut waiters.is_polled, true) {
+            #[expect(clippy::disallowed_methods, reason = "it polls for all requests and belongs to none")]
             tokio::spawn(Arc::clone(watch).poll());
         }
         drop(waiters);
