@@ -35,7 +35,8 @@ fn shellcheck_accepts_the_scripts() {
     let mut files: Vec<String> = scripts().into_iter().filter(|name| name.ends_with(".sh")).collect();
     assert!(files.len() >= 8, "{files:?}");
     files.extend(
-        [".ci/run", "deploy/debian/postinst", "scripts/slow_tests.sh", "scripts/with_garage.sh"].map(str::to_owned),
+        [".ci/run", ".ci/tools", "deploy/debian/postinst", "scripts/slow_tests.sh", "scripts/with_garage.sh"]
+            .map(str::to_owned),
     );
     run("shellcheck", &files.iter().map(String::as_str).collect::<Vec<_>>());
 }

@@ -124,6 +124,15 @@ fn every_module_belongs_to_a_layer() {
 }
 
 #[test]
+fn the_science_depends_on_no_runtime_no_database_and_no_clock() {
+    let manifest = fs::read_to_string(project().join("science/Cargo.toml")).expect("the manifest is UTF-8");
+    for name in ["tokio", "axum", "sqlx", "tower", "tower-http", "reqwest", "tracing", "jiff", "chrono"] {
+        let is_named = manifest.lines().any(|line| line.split(['.', ' ', '=']).next() == Some(name));
+        assert!(!is_named, "science/Cargo.toml names {name}; the science has pure functions");
+    }
+}
+
+#[test]
 fn one_module_alone_names_the_zip_crate() {
     // tests make zips of their own
     let is_test = |source: &Source| source.path.contains("tests") || source.path.contains("testkit");

@@ -10,6 +10,7 @@ use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
     fs,
     path::{Path, PathBuf},
+    sync::{Arc, Mutex},
 };
 
 use proc_macro2::{TokenStream, TokenTree};
@@ -71,8 +72,15 @@ pub struct Graph {
 }
 
 impl Graph {
-    /// Reads every file that `lib.rs` in a folder of [`SOURCES`] reaches by `mod`, and `main.rs`.
-    pub fn of(folder: &str) -> Self {
+    /// The graph of a folder of [`SOURCES`], read once for all tests.
+    pub fn of(folder: &'static str) -> Arc<Self> {
+        static READ: Mutex<BTreeMap<&str, Arc<Graph>>> = Mutex::new(BTreeMap::new());
+        let mut read = READ.lock().expect("no test panicked while it read the sources");
+        Arc::clone(read.entry(folder).or_insert_with(|| Arc::new(Self::read(folder))))
+    }
+
+    /// Reads every file that `lib.rs` in the folder reaches by `mod`, and `main.rs`.
+    fn read(folder: &str) -> Self {
         let root = project().join(folder);
         let mut reader = Reader::default();
         reader.file(&root.join("lib.rs"), &root, &[]);
@@ -217,12 +225,17 @@ impl Reader {
             "super" => return self.resolve(&at[..at.len().checked_sub(1)?], rest, depth + 1),
             _ => {}
         }
+        // a module and a function may have the same name: `name::` is the module
+        let child: ModulePath = at.iter().cloned().chain([first.clone()]).collect();
+        let is_module = self.modules.contains_key(&child);
+        if is_module && !rest.is_empty() {
+            return self.resolve(&child, rest, depth + 1);
+        }
         if module.items.contains(first) {
             return Some((module.file, first.clone()));
         }
-        let child: ModulePath = at.iter().cloned().chain([first.clone()]).collect();
-        if self.modules.contains_key(&child) {
-            return if rest.is_empty() { None } else { self.resolve(&child, rest, depth + 1) };
+        if is_module {
+            return None;
         }
         if let Some(path) = module.uses.get(first) {
             let whole: Vec<String> = path.iter().chain(rest).cloned().collect();

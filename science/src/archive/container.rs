@@ -100,7 +100,7 @@ impl Container {
 
     fn checked(source: Arc<dyn ReadAt>, limits: &ArchiveLimits, failure: &DiskFailure) -> Result<Self, Error> {
         let length = source.length().map_err(unreadable)?;
-        let head = refuse_other_files(&*source, length, limits).map_err(unreadable)??;
+        let head = refuse_other_files(&*source, length, limits)?;
         let damaged_directory = |why: &dyn std::fmt::Display| damaged_directory(why, &head);
 
         let budget = Arc::new(AtomicU64::new(member_count::directory_budget(limits)));
@@ -305,17 +305,18 @@ fn refuse_many(members: u64, limits: &ArchiveLimits) -> Result<(), Error> {
 }
 
 /// Refuses files that are not a zip, truncated zips, and zips that declare too many members. Returns the first bytes.
-fn refuse_other_files(file: &dyn ReadAt, length: u64, limits: &ArchiveLimits) -> io::Result<Result<Vec<u8>, Error>> {
+fn refuse_other_files(file: &dyn ReadAt, length: u64, limits: &ArchiveLimits) -> Result<Vec<u8>, Error> {
     let mut head = vec![0; length.min(not_a_zip::HEAD_BYTES) as usize];
-    file.read_exact_at(&mut head, 0)?;
+    file.read_exact_at(&mut head, 0).map_err(unreadable)?;
     let tail_length = length.min(not_a_zip::END_RECORD_BYTES);
     let mut tail = vec![0; tail_length as usize];
-    file.read_exact_at(&mut tail, length - tail_length)?;
+    file.read_exact_at(&mut tail, length - tail_length).map_err(unreadable)?;
     if let Some(detail) = not_a_zip::diagnose(&head, &tail, length) {
-        return Ok(Err(Error::new(ErrorKind::InvalidArchive, detail)));
+        return Err(Error::new(ErrorKind::InvalidArchive, detail));
     }
-    let members = member_count::declared(file, &tail, length)?;
-    Ok(refuse_many(members, limits).map(|()| head))
+    let members = member_count::declared(file, &tail, length).map_err(unreadable)?;
+    refuse_many(members, limits)?;
+    Ok(head)
 }
 
 /// Writes a zip of stored members, because pictures hardly compress; zip64 where required. The same members give the

@@ -27,7 +27,7 @@ impl<S: Sample> Pyramid<S> {
         let (columns, mut clamped) = (rect.x..rect.x + rect.width, 0);
         let mut outside = vec![false; rect.width];
         let mut rounded: [Vec<S>; C] = std::array::from_fn(|_| vec![S::default(); rect.width]);
-        for (y, out) in (rect.y..).zip(out.chunks_exact_mut(rect.width * C)) {
+        for (y, out) in (rect.y..).zip(out.chunks_exact_mut((rect.width * C).max(1))) {
             let slices = &index.row(y)[columns.clone()];
             outside.fill(false);
             for (c, (plane, rounded)) in fused.iter_mut().zip(&mut rounded).enumerate() {
