@@ -93,7 +93,7 @@ pub async fn archive(
     let request = IngestRequest::begin(&app, &caller, &headers).await?;
     let (submission, zip): (ScanSubmission, SpooledZip) = request.receive(&name, fields, body).await?;
     let (app, caller, key) = (app.clone(), caller.clone(), request.key.clone());
-    // all bytes are here
+    // all bytes are here: the stacks are made even when the client disconnects
     let answering = async move { answer(&app, &caller, &key, &submission, zip).await };
     let (view, replayed) = background::to_the_end(answering).await?;
     let made = view.views.iter().any(|view| view.stack.is_some());
