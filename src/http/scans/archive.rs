@@ -2,9 +2,8 @@
 
 use axum::{
     Json,
-    body::Body,
     extract::State,
-    http::{HeaderMap, HeaderValue, StatusCode, Uri, header},
+    http::{HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
 use serde_json::json;
@@ -17,6 +16,7 @@ use crate::{
         ApiResult, App,
         auth::Caller,
         background,
+        extract::Sent,
         ingest::{
             fields::Fields,
             idempotency::{IDEMPOTENCY_REPLAYED, IdempotencyKey, earlier},
@@ -85,13 +85,11 @@ pub async fn archive(
     State(app): State<App>,
     caller: Caller,
     ScanName(name): ScanName,
-    uri: Uri,
-    headers: HeaderMap,
-    body: Body,
+    sent: Sent,
 ) -> ApiResult<Response> {
-    let fields = Fields::of_query(&uri)?;
-    let request = IngestRequest::begin(&app, &caller, &headers).await?;
-    let (submission, zip): (ScanSubmission, SpooledZip) = request.receive(&name, fields, body).await?;
+    let fields = Fields::of_query(&sent.uri)?;
+    let request = IngestRequest::begin(&app, &caller, &sent.headers).await?;
+    let (submission, zip): (ScanSubmission, SpooledZip) = request.receive(&name, fields, sent.body).await?;
     let (app, caller, key) = (app.clone(), caller.clone(), request.key.clone());
     // all bytes are here: the stacks are made even when the client disconnects
     let answering = async move { answer(&app, &caller, &key, &submission, zip).await };
