@@ -251,8 +251,12 @@ problem_types! {
 
     Internal: S::INTERNAL_SERVER_ERROR, Later, "Internal error",
         "An error of the service itself. Its log has the cause under the request id of the X-Request-Id header.",
-        "an internal error occurred; the log of the server has the cause under the request id in X-Request-Id";
+        INTERNAL;
 }
+
+/// The detail of every internal error.
+pub const INTERNAL: &str =
+    "an internal error occurred; the log of the server has the cause under the request id in X-Request-Id";
 
 /// tus defines its own status for a wrong checksum.
 fn checksum_mismatch() -> StatusCode {

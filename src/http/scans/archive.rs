@@ -6,8 +6,6 @@ use axum::{
     http::{HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
-use serde_json::json;
-use sha2::{Digest, Sha256};
 
 use super::{ScanName, url};
 use crate::{
@@ -19,7 +17,7 @@ use crate::{
         extract::Sent,
         ingest::{
             fields::Fields,
-            idempotency::{IDEMPOTENCY_REPLAYED, IdempotencyKey, earlier},
+            idempotency::{IDEMPOTENCY_REPLAYED, IdempotencyKey, earlier, fingerprint},
             many::ManyOrigin,
             request::IngestRequest,
             scan_views::{group, key_of_view},
@@ -28,7 +26,6 @@ use crate::{
         },
         views::{job, scan_archive::ScanArchiveView},
     },
-    store::digest::hex,
 };
 
 /// Submit all views of a scan in one zip
@@ -96,10 +93,7 @@ pub async fn archive(
     let (view, replayed) = background::to_the_end(answering).await?;
     let made = view.views.iter().any(|view| view.stack.is_some());
     let status = if made { StatusCode::ACCEPTED } else { StatusCode::OK };
-    let mut response = (status, Json(view)).into_response();
-    if let Ok(location) = HeaderValue::from_str(&url(&name)) {
-        response.headers_mut().insert(header::LOCATION, location);
-    }
+    let mut response = (status, [(header::LOCATION, url(&name))], Json(view)).into_response();
     if replayed {
         response.headers_mut().insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
     }
@@ -119,7 +113,7 @@ async fn answer(
     if submission.dry_run {
         return Ok((grouped.view(scan, submission.slice_count()), false));
     }
-    let fingerprint = fingerprint(submission, &zip.sha256);
+    let fingerprint = fingerprint("scan", submission.fingerprint_input(), &zip.sha256);
     if let Some(key) = &key.stored
         && earlier(app, key, &fingerprint).await?.is_some()
     {
@@ -129,11 +123,6 @@ async fn answer(
     let idempotency = key.stored.clone().map(|key| (key, fingerprint));
     let view = grouped.submit(app, submission, idempotency, ManyOrigin::Request(caller.id())).await?;
     Ok((view, false))
-}
-
-fn fingerprint(submission: &ScanSubmission, sha256: &str) -> String {
-    let document = json!({ "kind": "scan", "asked": submission.fingerprint_input(), "sha256": sha256 });
-    hex(&Sha256::digest(document.to_string()))
 }
 
 /// Fills in the stacks that the earlier request made.
