@@ -2,8 +2,9 @@
 //!
 //! To add a file of a stack: its row in [`stack_artifacts`], and its picture in `jobs/pictures.rs`. Its name and URL,
 //! the endpoint with its documentation, the link in the view of a stack, conversions, its layer in the viewer, and the
-//! disk space that a job reserves follow from the row. A calibration has `overlay-{slice}`, a slice with the detected
-//! dots as PNG, and `report`, JSON.
+//! disk space that a job reserves follow from the row; `jobs/memory.rs` lists those that are in memory together. Then
+//! generate `openapi/openapi.json` again. A calibration has `overlay-{slice}`, a slice with the detected dots as PNG,
+//! and `report`, JSON.
 
 use super::outcome::Artifact;
 
@@ -52,7 +53,7 @@ impl FileFormat {
 /// How the viewer of the web pages colours a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Colours {
-    /// As they are.
+    /// The samples are the colours.
     Plain,
     /// A colour per index, from the first slice to the last; the largest value means none.
     Indices,

@@ -2,7 +2,7 @@
 //! them for both kinds of jobs; [`job_resource`](super::job_resource) does the work.
 
 /// The endpoints of a kind of jobs: the kind, its view, its list, its name, the plural, and the description of its
-/// event stream; of stacks, that of the parameter `scan`.
+/// event stream; of stacks, that of the parameter `scan`. `\n` keeps the line breaks that the document always had.
 macro_rules! endpoints {
     ($kind:ident, $view:ident, $list:ident, $one:literal, $many:literal, $events:literal $(, $scan:literal)?) => {
         use axum::{

@@ -1,5 +1,6 @@
-//! The HTTP layer: requests in, views out. [`router`] lists every URL, each endpoint has a file of its own, and
-//! [`problem`] is the only place where an error becomes an answer. A problem code is one row in [`problem_types`].
+//! The HTTP layer: requests in, views out. [`router`] lists every URL. Each endpoint has a file of its own, except
+//! those of [`job_endpoints`] and the files of a stack ([`stacks::artifacts`]), which macros make. [`problem`] is the
+//! only place where an error becomes an answer. A problem code is one row in [`problem_types`].
 
 #![warn(clippy::disallowed_methods)]
 

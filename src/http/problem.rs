@@ -10,7 +10,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use super::problem_types::{Retry, problem_type};
+use super::problem_types::{INTERNAL, Retry, problem_type};
 use crate::{
     contract::{Code, Fault, Problem},
     store::StoreError,
@@ -39,10 +39,7 @@ impl ApiError {
     /// An internal error: the cause goes to the log, the client gets only the request id.
     pub fn internal(cause: impl std::fmt::Display) -> Self {
         tracing::error!(%cause, "internal error");
-        Self::new(
-            Code::Internal,
-            "an internal error occurred; the log of the server has the cause under the request id in X-Request-Id",
-        )
+        Self::new(Code::Internal, INTERNAL)
     }
 
     /// Adds a header to the answer.
@@ -118,7 +115,7 @@ impl IntoResponse for ApiError {
 pub fn problem(fault: &Fault, instance: Option<String>) -> Problem {
     let problem_type = problem_type(fault.code);
     Problem {
-        kind: format!("/problems/{}", code_name(fault.code)),
+        kind: format!("/problems/{}", fault.code.name()),
         title: problem_type.title.to_owned(),
         status: problem_type.status.as_u16(),
         detail: fault.detail.clone(),
@@ -138,11 +135,6 @@ pub fn render(problem: Problem) -> Response {
     response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
     response.extensions_mut().insert(problem);
     response
-}
-
-/// The name of a code in JSON.
-pub fn code_name(code: Code) -> String {
-    code.name()
 }
 
 /// The HTTP status of a code.

@@ -8,7 +8,7 @@
 //! | description | `GET /problems/{code}`: what it means and what to do |
 //! | example | `detail` of the example in `/openapi.json` and `GET /problems/{code}` |
 
-use axum::http::StatusCode as S;
+use axum::http::{StatusCode, StatusCode as S};
 
 use self::Retry::{AfterSeconds, Later, Never};
 use crate::contract::Code;
@@ -28,7 +28,7 @@ pub enum Retry {
 #[derive(Debug, Clone, Copy)]
 pub struct ProblemType {
     /// HTTP status of the answer.
-    pub status: S,
+    pub status: StatusCode,
     /// Whether to retry.
     pub retry: Retry,
     /// Short name, the same for every problem of the code.
@@ -39,6 +39,7 @@ pub struct ProblemType {
     pub example: &'static str,
 }
 
+/// A row: `code: status, retry, title, description, example`.
 macro_rules! problem_types {
     ($($code:ident: $status:expr, $retry:expr, $title:expr, $description:expr, $example:expr;)*) => {
         /// The row of a code.
@@ -250,10 +251,14 @@ problem_types! {
 
     Internal: S::INTERNAL_SERVER_ERROR, Later, "Internal error",
         "An error of the service itself. Its log has the cause under the request id of the X-Request-Id header.",
-        "an internal error occurred; the log of the server has the cause under the request id in X-Request-Id";
+        INTERNAL;
 }
 
+/// The detail of every internal error.
+pub const INTERNAL: &str =
+    "an internal error occurred; the log of the server has the cause under the request id in X-Request-Id";
+
 /// tus defines its own status for a wrong checksum.
-fn checksum_mismatch() -> S {
-    S::from_u16(460).unwrap_or(S::BAD_REQUEST)
+fn checksum_mismatch() -> StatusCode {
+    StatusCode::from_u16(460).unwrap_or(StatusCode::BAD_REQUEST)
 }

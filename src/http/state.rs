@@ -1,4 +1,5 @@
-//! The application state of every handler. What requests share is in the files below: no part of the state knows the handlers that use it, or the whole state.
+//! The application state of every handler. What requests share is in the files below. No part of the state knows a
+//! handler, or the whole state.
 
 pub mod conversions;
 pub mod health;
@@ -88,8 +89,8 @@ impl App {
         }
     }
 
-    /// Inspects a zip, or names, on another thread. An inspection needs as much memory as a hostile zip makes it need, so
-    /// few run at once.
+    /// Inspects a zip, or a list of file names, on another thread. An inspection needs as much memory as a hostile zip
+    /// makes it need, so few run at once.
     ///
     /// # Errors
     /// `internal` when the inspection panics.

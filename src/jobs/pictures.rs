@@ -95,7 +95,7 @@ impl Pictures<'_> {
         Ok((info, written))
     }
 
-    /// Whether a file is written here. The fused back light is written when it is there.
+    /// Whether a file is written here. `jobs/stack.rs` writes the fused back light, as soon as it is fused.
     fn has(&self, artifact: StackArtifact) -> bool {
         artifact != StackArtifact::Backlight
             && (!artifact.needs_back_light() || self.silhouette.is_some())

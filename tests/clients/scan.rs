@@ -34,10 +34,10 @@ const LIMIT_PX: f64 = 1.0;
 ///
 /// The bounds follow from the scatter between equally good pictures. The nine aligned cases with this limit in
 /// docs/POSES.md (two specimens; noise, methods, lenses, ECC) have a mean logarithm of the ratio to ideal pictures of
-/// 0.02. Its standard deviation is 0.19 for a single quantity and 0.11 for the mean of the three, and larger by the root
-/// of three with a third of the views: 0.33 and 0.19. The bounds are three standard deviations above the mean: about one
-/// in fifty changes of the pictures that make them neither better nor worse exceeds one of them. Another run on the same
-/// pictures differs by a few percent only. Slices that are not aligned give 4 to 9.
+/// 0.02. Its standard deviation is 0.19 for a single quantity and 0.11 for the mean of the three, and larger by the
+/// root of three with a third of the views: 0.33 and 0.19. The bounds are three standard deviations above the mean:
+/// about one in fifty changes of the pictures that make them neither better nor worse exceeds one of them. Another run
+/// on the same pictures differs by a few percent only. Slices that are not aligned give 4 to 9.
 const MEAN_FACTOR: f64 = 1.8;
 const FACTOR: f64 = 2.7;
 

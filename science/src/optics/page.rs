@@ -102,7 +102,8 @@ impl TargetPage {
     /// ```
     /// use pinstack_science::optics::page::{TargetInput, TargetPage};
     ///
-    /// let input: TargetInput = serde_json::from_str(r#"{ "pitch_mm": 2, "columns": 14, "rows": 10, "coded": true }"#)?;
+    /// let input = r#"{ "pitch_mm": 2, "columns": 14, "rows": 10, "coded": true }"#;
+    /// let input: TargetInput = serde_json::from_str(input)?;
     /// let page = TargetPage::new(&input)?;
     /// assert_eq!((page.dots.len(), page.width), (140, 210.0));
     /// assert!(page.pdf().starts_with(b"%PDF-"));

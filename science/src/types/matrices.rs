@@ -86,7 +86,7 @@ pub fn rebase(
     Ok(Rebased { homographies, reference_index: index, warnings })
 }
 
-/// Refuses a wrong number of matrices, a reference beyond them, and matrices of zeros or of numbers that are not finite.
+/// Refuses a wrong number of matrices, a reference beyond them, and matrices of zeros or with numbers not finite.
 fn refuse_input(matrices: &[[f64; 9]], reference: Option<u32>) -> Result<(), Error> {
     let count = matrices.len();
     if !(2..=MAX_SLICES).contains(&count) {

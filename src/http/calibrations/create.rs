@@ -1,11 +1,6 @@
 //! `POST /v1/profiles/{rig}/{lens}/calibrations`
 
-use axum::{
-    body::Body,
-    extract::State,
-    http::{HeaderMap, Uri},
-    response::Response,
-};
+use axum::{extract::State, response::Response};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -14,7 +9,7 @@ use crate::{
     http::{
         ApiError, ApiResult, App,
         auth::Caller,
-        extract::ProfileKey,
+        extract::{ProfileKey, Sent},
         ingest::{fields::Fields, request::IngestRequest},
         views::Calibration,
     },
@@ -65,15 +60,8 @@ pub struct CalibrationForm {
         (status = 507, description = "`insufficient_storage`, with figures"),
     )
 )]
-pub async fn create(
-    State(app): State<App>,
-    caller: Caller,
-    key: ProfileKey,
-    uri: Uri,
-    headers: HeaderMap,
-    body: Body,
-) -> ApiResult<Response> {
-    let mut fields = Fields::of_query(&uri)?;
+pub async fn create(State(app): State<App>, caller: Caller, key: ProfileKey, sent: Sent) -> ApiResult<Response> {
+    let mut fields = Fields::of_query(&sent.uri)?;
     if let Some(name) = ["rig", "lens"].into_iter().find(|name| fields.get(name).is_some()) {
         return Err(ApiError::new(
             Code::InvalidRequest,
@@ -82,8 +70,8 @@ pub async fn create(
     }
     fields.set("rig", key.rig.to_string());
     fields.set("lens", key.lens.to_string());
-    let request = IngestRequest::begin(&app, &caller, &headers).await?;
-    let (submission, zip) = request.receive(&JobKind::Calibration, fields, body).await?;
+    let request = IngestRequest::begin(&app, &caller, &sent.headers).await?;
+    let (submission, zip) = request.receive(&JobKind::Calibration, fields, sent.body).await?;
     let calibration = request.submit(submission, zip).await?;
     request.answer(calibration).await
 }

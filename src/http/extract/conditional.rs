@@ -221,14 +221,11 @@ impl<T: Numbered> Conditional<T> {
     /// The response to a write, with the `ETag` of the number: 201 with `Location` if it created the resource,
     /// otherwise 200.
     pub fn written(&self, is_new: bool, number: u32, document: &impl Serialize) -> Response {
-        let mut response = ([(header::ETAG, etag(&number.to_string()))], Json(document)).into_response();
-        if is_new {
-            *response.status_mut() = StatusCode::CREATED;
-            if let Ok(location) = HeaderValue::from_str(&self.of.url()) {
-                response.headers_mut().insert(header::LOCATION, location);
-            }
+        let document = ([(header::ETAG, etag(&number.to_string()))], Json(document));
+        match is_new {
+            true => (StatusCode::CREATED, [(header::LOCATION, self.of.url())], document).into_response(),
+            false => document.into_response(),
         }
-        response
     }
 }
 

@@ -7,7 +7,9 @@ pub mod page;
 pub mod params;
 pub mod path;
 pub mod prefer;
+pub mod sent;
 
 pub use conditional::{Conditional, Numbered, etag, not_modified};
 pub use page::PageQuery;
 pub use path::{JobId, ProfileKey, UploadId};
+pub use sent::Sent;

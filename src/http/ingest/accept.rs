@@ -49,11 +49,8 @@ impl IngestRequest<'_> {
         };
         let has_ended = wait.is_some() && job.state.is_final();
         let status = if has_ended { StatusCode::OK } else { StatusCode::ACCEPTED };
-        let mut response = (status, Json(JobDocument::of(&job))).into_response();
+        let mut response = (status, [(header::LOCATION, location)], Json(JobDocument::of(&job))).into_response();
         let out = response.headers_mut();
-        if let Ok(location) = HeaderValue::from_str(&location) {
-            out.insert(header::LOCATION, location);
-        }
         if let Some(wait) = wait
             && let Ok(applied) = HeaderValue::from_str(&format!("wait={}", wait.as_secs()))
         {
@@ -73,7 +70,7 @@ async fn accept(
     submission: &Submission,
     zip: SpooledZip,
 ) -> ApiResult<Submitted> {
-    let fingerprint = idempotency::fingerprint(submission, &zip.sha256);
+    let fingerprint = idempotency::fingerprint(submission.kind(), submission.fingerprint_input(), &zip.sha256);
     if let Some(key) = &key
         && let Some(job) = idempotency::earlier(app, key, &fingerprint).await?
     {

@@ -4,10 +4,10 @@
 //! SHA-256 of the zip. The same key with another fingerprint is refused.
 
 use axum::http::{HeaderMap, HeaderName};
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
-use super::submission::Submission;
 use crate::{
     contract::Code,
     http::{ApiError, ApiResult, App, auth::Caller},
@@ -64,11 +64,10 @@ fn of_owner(key: String, owner: Option<Uuid>) -> String {
     }
 }
 
-/// The fingerprint of a submission with this zip.
-pub fn fingerprint(submission: &Submission, sha256: &str) -> String {
+/// The fingerprint of a submission of this kind with this zip; `asked` is what the client asked for.
+pub fn fingerprint(kind: impl Serialize, asked: impl Serialize, sha256: &str) -> String {
     // the member `asked` keeps its name: stored fingerprints contain it
-    let document =
-        serde_json::json!({ "kind": submission.kind(), "asked": submission.fingerprint_input(), "sha256": sha256 });
+    let document = serde_json::json!({ "kind": kind, "asked": asked, "sha256": sha256 });
     hex(&Sha256::digest(document.to_string()))
 }
 

@@ -5,12 +5,12 @@
 //! | 1. Who sends the request, and does it repeat an earlier one? | [`request`], [`idempotency`] |
 //! | 2. Names, options and profile are checked before the body is read. | [`submission`], [`fields`], [`receivable`] |
 //! | 3. Length, disk budget, quota and queue are checked. | [`admission`], [`reservation`], [`quota`] |
-//! | 4. The body is streamed to a spool file, counted and hashed. | [`receive`], [`multipart`], [`body`], [`spool`] |
-//! | 5. Directory and headers of the zip are checked; the file becomes a blob, the job a row. | [`submit`], [`many`] |
+//! | 4. The body is streamed to a spool file, counted and hashed. | [`receive`], [`multipart`], [`form_body`], [`body`], [`spool`], [`filename`] |
+//! | 5. Directory and headers of the zip are checked; the file becomes a blob, the job a row. | [`submit`], [`many`], [`scan_views`] |
 //! | 6. Only then does the client receive 202. | [`accept`] |
 //!
-//! No two files need each other: each can be read with those that it imports. Resumable uploads and reruns bring their
-//! zip in another way, and share steps 2, 3 and 5.
+//! The imports have no circles: to read a file, only those that it imports are needed. A rerun of a stack takes a stored
+//! zip and skips step 4 only. Resumable uploads share steps 2, 3 and 5.
 
 mod accept;
 pub mod admission;

@@ -14,6 +14,7 @@ use crate::{
     http::{
         pages::errors::ShownAsPage,
         problem::{ApiError, code_of, problem, render},
+        problem_types::INTERNAL,
     },
 };
 
@@ -69,10 +70,7 @@ fn bare_fault(status: StatusCode, method: &axum::http::Method, path: &str) -> Fa
         Code::MethodNotAllowed => {
             format!("{method} is not allowed on {path}; the Allow header lists the methods that are")
         }
-        Code::Internal => {
-            "an internal error occurred; the log of the server has the cause under the request id in X-Request-Id"
-                .to_owned()
-        }
+        Code::Internal => INTERNAL.to_owned(),
         _ => status.canonical_reason().unwrap_or("the request was refused").to_lowercase(),
     };
     Fault::new(code, detail)

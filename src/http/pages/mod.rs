@@ -7,7 +7,7 @@
 //! | [`assets`] | style sheet, scripts and icon, embedded in the program |
 //! | [`errors`] | errors of pages as pages |
 //! | [`guide`] | the Markdown files of `docs/`, to read in the browser |
-//! | [`calibration_report`], [`pose_report`] | reports as single files that load nothing; they can be saved and mailed |
+//! | [`calibration_report`], [`pose_report`] | reports: single files that load nothing and can be mailed |
 //!
 //! The pages are written with maud, which escapes what it shows. Reports are pure functions that build their text
 //! themselves, mostly SVG; [`answer`] sends one. Pages show what the same functions return that serve the JSON, so that

@@ -1,14 +1,9 @@
 //! `POST /v1/poses`
 
-use axum::{
-    body::Body,
-    extract::State,
-    http::{HeaderMap, Uri},
-    response::Response,
-};
+use axum::{extract::State, response::Response};
 
 use super::{KnownViews, PoseQuery, report};
-use crate::http::{ApiResult, App, auth::Caller};
+use crate::http::{ApiResult, App, auth::Caller, extract::Sent};
 use pinstack_science::photogrammetry::poses::PoseReport;
 
 /// Report on camera poses
@@ -41,12 +36,6 @@ use pinstack_science::photogrammetry::poses::PoseReport;
         (status = 507, description = "`insufficient_storage`: no room for the file while it is read"),
     )
 )]
-pub async fn create(
-    State(app): State<App>,
-    caller: Caller,
-    uri: Uri,
-    headers: HeaderMap,
-    body: Body,
-) -> ApiResult<Response> {
-    report(&app, &caller, PoseQuery::of(&uri)?, &headers, body, KnownViews::default()).await
+pub async fn create(State(app): State<App>, caller: Caller, sent: Sent) -> ApiResult<Response> {
+    report(&app, &caller, PoseQuery::of(&sent.uri)?, &sent.headers, sent.body, KnownViews::default()).await
 }

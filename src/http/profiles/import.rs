@@ -1,18 +1,13 @@
 //! `POST /v1/profiles/{rig}/{lens}/import`
 
-use axum::{
-    body::Body,
-    extract::State,
-    http::{HeaderMap, Uri},
-    response::Response,
-};
+use axum::{extract::State, response::Response};
 
 use super::{file::ProfileFile, write};
 use crate::{
     contract::profile::Profile,
     http::{
         ApiResult, App,
-        extract::{Conditional, ProfileKey, json, params},
+        extract::{Conditional, ProfileKey, Sent, json},
     },
     store::ProfileDraft,
 };
@@ -47,17 +42,11 @@ use crate::{
         (status = 422, description = "`invalid_profile`: not an exported profile, another version of the format, or a file that was changed after its export"),
     )
 )]
-pub async fn import(
-    State(app): State<App>,
-    key: Conditional<ProfileKey>,
-    uri: Uri,
-    headers: HeaderMap,
-    body: Body,
-) -> ApiResult<Response> {
-    json::require_json(&headers)?;
-    params::refuse_rest(&params::pairs(&uri)?, "none; the file contains all data")?;
+pub async fn import(State(app): State<App>, key: Conditional<ProfileKey>, sent: Sent) -> ApiResult<Response> {
+    json::require_json(&sent.headers)?;
+    sent.refuse_query("the file contains all data")?;
     let condition = key.precondition(&app).await?;
-    let draft = ProfileFile::read(&json::read(&app, &headers, body).await?)?.draft();
+    let draft = ProfileFile::read(&json::read(&app, &sent.headers, sent.body).await?)?.draft();
     if let Some(current) = app.store.metadata.profile(&key.of.rig, &key.of.lens, None).await?
         && is_identical(&current, &draft)
     {

@@ -1,18 +1,13 @@
 //! `PUT /v1/profiles/{rig}/{lens}`
 
-use axum::{
-    body::Body,
-    extract::State,
-    http::{HeaderMap, Uri},
-    response::Response,
-};
+use axum::{extract::State, response::Response};
 
 use super::{numbers, write};
 use crate::{
     contract::profile::Profile,
     http::{
         ApiResult, App,
-        extract::{Conditional, ProfileKey, json},
+        extract::{Conditional, ProfileKey, Sent, json},
     },
 };
 use pinstack_science::types::{
@@ -74,16 +69,10 @@ use pinstack_science::types::{
         (status = 422, description = "`invalid_profile`: matrices that are singular, mirrored, not finite or zero; wrong counts; or not a numpy file of matrices. `errors` lists every location"),
     )
 )]
-pub async fn put(
-    State(app): State<App>,
-    key: Conditional<ProfileKey>,
-    uri: Uri,
-    headers: HeaderMap,
-    body: Body,
-) -> ApiResult<Response> {
-    let kind = numbers::kind(&headers)?;
+pub async fn put(State(app): State<App>, key: Conditional<ProfileKey>, sent: Sent) -> ApiResult<Response> {
+    let kind = numbers::kind(&sent.headers)?;
     let condition = key.precondition(&app).await?;
-    let (input, warnings) = numbers::read(kind, json::read(&app, &headers, body).await?, &uri)?;
+    let (input, warnings) = numbers::read(kind, json::read(&app, &sent.headers, sent.body).await?, &sent.uri)?;
     let draft = write::draft(input, HomographyModel::Given, warnings);
     write::store(&app, &key, &draft, condition).await
 }

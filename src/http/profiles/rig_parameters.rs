@@ -1,18 +1,13 @@
 //! `POST /v1/profiles/{rig}/{lens}/rig-parameters`
 
-use axum::{
-    body::Body,
-    extract::State,
-    http::{HeaderMap, Uri},
-    response::Response,
-};
+use axum::{extract::State, response::Response};
 
 use super::write;
 use crate::{
     contract::{Code, profile::Profile},
     http::{
         ApiResult, App,
-        extract::{Conditional, ProfileKey, json, params},
+        extract::{Conditional, ProfileKey, Sent, json},
     },
 };
 use pinstack_science::types::{profile::HomographyModel, rig_parameters::RigParameters};
@@ -53,17 +48,12 @@ use pinstack_science::types::{profile::HomographyModel, rig_parameters::RigParam
         (status = 422, description = "`invalid_profile`: impossible values; `errors` lists their locations"),
     )
 )]
-pub async fn rig_parameters(
-    State(app): State<App>,
-    key: Conditional<ProfileKey>,
-    uri: Uri,
-    headers: HeaderMap,
-    body: Body,
-) -> ApiResult<Response> {
-    json::require_json(&headers)?;
-    params::refuse_rest(&params::pairs(&uri)?, "none; the body contains all data")?;
+pub async fn rig_parameters(State(app): State<App>, key: Conditional<ProfileKey>, sent: Sent) -> ApiResult<Response> {
+    json::require_json(&sent.headers)?;
+    sent.refuse_query("the body contains all data")?;
     let condition = key.precondition(&app).await?;
-    let parameters: RigParameters = json::parse(&json::read(&app, &headers, body).await?, Code::InvalidProfile)?;
+    let parameters: RigParameters =
+        json::parse(&json::read(&app, &sent.headers, sent.body).await?, Code::InvalidProfile)?;
     let draft = write::draft(parameters.profile()?, HomographyModel::RigParameters, Vec::new());
     write::store(&app, &key, &draft, condition).await
 }

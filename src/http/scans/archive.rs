@@ -2,13 +2,10 @@
 
 use axum::{
     Json,
-    body::Body,
     extract::State,
-    http::{HeaderMap, HeaderValue, StatusCode, Uri, header},
+    http::{HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
-use serde_json::json;
-use sha2::{Digest, Sha256};
 
 use super::{ScanName, url};
 use crate::{
@@ -17,9 +14,10 @@ use crate::{
         ApiResult, App,
         auth::Caller,
         background,
+        extract::Sent,
         ingest::{
             fields::Fields,
-            idempotency::{IDEMPOTENCY_REPLAYED, IdempotencyKey, earlier},
+            idempotency::{IDEMPOTENCY_REPLAYED, IdempotencyKey, earlier, fingerprint},
             many::ManyOrigin,
             request::IngestRequest,
             scan_views::{group, key_of_view},
@@ -28,7 +26,6 @@ use crate::{
         },
         views::{job, scan_archive::ScanArchiveView},
     },
-    store::digest::hex,
 };
 
 /// Submit all views of a scan in one zip
@@ -85,23 +82,18 @@ pub async fn archive(
     State(app): State<App>,
     caller: Caller,
     ScanName(name): ScanName,
-    uri: Uri,
-    headers: HeaderMap,
-    body: Body,
+    sent: Sent,
 ) -> ApiResult<Response> {
-    let fields = Fields::of_query(&uri)?;
-    let request = IngestRequest::begin(&app, &caller, &headers).await?;
-    let (submission, zip): (ScanSubmission, SpooledZip) = request.receive(&name, fields, body).await?;
+    let fields = Fields::of_query(&sent.uri)?;
+    let request = IngestRequest::begin(&app, &caller, &sent.headers).await?;
+    let (submission, zip): (ScanSubmission, SpooledZip) = request.receive(&name, fields, sent.body).await?;
     let (app, caller, key) = (app.clone(), caller.clone(), request.key.clone());
-    // all bytes are here
+    // all bytes are here: the stacks are made even when the client disconnects
     let answering = async move { answer(&app, &caller, &key, &submission, zip).await };
     let (view, replayed) = background::to_the_end(answering).await?;
     let made = view.views.iter().any(|view| view.stack.is_some());
     let status = if made { StatusCode::ACCEPTED } else { StatusCode::OK };
-    let mut response = (status, Json(view)).into_response();
-    if let Ok(location) = HeaderValue::from_str(&url(&name)) {
-        response.headers_mut().insert(header::LOCATION, location);
-    }
+    let mut response = (status, [(header::LOCATION, url(&name))], Json(view)).into_response();
     if replayed {
         response.headers_mut().insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
     }
@@ -121,7 +113,7 @@ async fn answer(
     if submission.dry_run {
         return Ok((grouped.view(scan, submission.slice_count()), false));
     }
-    let fingerprint = fingerprint(submission, &zip.sha256);
+    let fingerprint = fingerprint("scan", submission.fingerprint_input(), &zip.sha256);
     if let Some(key) = &key.stored
         && earlier(app, key, &fingerprint).await?.is_some()
     {
@@ -131,11 +123,6 @@ async fn answer(
     let idempotency = key.stored.clone().map(|key| (key, fingerprint));
     let view = grouped.submit(app, submission, idempotency, ManyOrigin::Request(caller.id())).await?;
     Ok((view, false))
-}
-
-fn fingerprint(submission: &ScanSubmission, sha256: &str) -> String {
-    let document = json!({ "kind": "scan", "asked": submission.fingerprint_input(), "sha256": sha256 });
-    hex(&Sha256::digest(document.to_string()))
 }
 
 /// Fills in the stacks that the earlier request made.

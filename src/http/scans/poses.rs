@@ -1,11 +1,6 @@
 //! `POST /v1/scans/{scan}/poses`
 
-use axum::{
-    body::Body,
-    extract::State,
-    http::{HeaderMap, Uri},
-    response::Response,
-};
+use axum::{extract::State, response::Response};
 
 use super::{ScanName, find, table::views};
 use crate::{
@@ -13,6 +8,7 @@ use crate::{
     http::{
         ApiError, ApiResult, App,
         auth::Caller,
+        extract::Sent,
         poses::{KnownViews, PoseQuery, report},
     },
 };
@@ -48,11 +44,9 @@ pub async fn poses(
     State(app): State<App>,
     caller: Caller,
     ScanName(name): ScanName,
-    uri: Uri,
-    headers: HeaderMap,
-    body: Body,
+    sent: Sent,
 ) -> ApiResult<Response> {
-    let query = PoseQuery::of(&uri)?;
+    let query = PoseQuery::of(&sent.uri)?;
     let scan = find(&app, &caller, &name).await?;
     let views = views(&app, &caller, &name).await?;
     if views.is_empty() {
@@ -71,5 +65,5 @@ pub async fn poses(
         expected: scan.input.expected_views.or(u32::try_from(views.len()).ok()),
         radius_mm: scan.input.radius_mm,
     };
-    report(&app, &caller, query, &headers, body, known).await
+    report(&app, &caller, query, &sent.headers, sent.body, known).await
 }

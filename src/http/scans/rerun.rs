@@ -1,11 +1,6 @@
 //! `POST /v1/scans/{scan}/rerun`
 
-use axum::{
-    Json,
-    body::Body,
-    extract::State,
-    http::{HeaderMap, StatusCode, Uri},
-};
+use axum::{Json, extract::State, http::StatusCode};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
@@ -20,7 +15,7 @@ use crate::{
         ApiError, ApiResult, App,
         auth::Caller,
         background,
-        extract::params,
+        extract::Sent,
         ingest::{
             many::{CheckedJob, ManyOrigin, check, require_queue_places, submit_all},
             submission::Submission,
@@ -97,12 +92,10 @@ pub async fn rerun(
     State(app): State<App>,
     caller: Caller,
     ScanName(name): ScanName,
-    uri: Uri,
-    headers: HeaderMap,
-    body: Body,
+    sent: Sent,
 ) -> ApiResult<(StatusCode, Json<ScanRerun>)> {
-    params::refuse_rest(&params::pairs(&uri)?, "none; the options are members of the JSON body")?;
-    let changes = changes(&app, &headers, body).await?;
+    sent.refuse_query("the options are members of the JSON body")?;
+    let changes = changes(&app, &sent.headers, sent.body).await?;
     if let Some(option) = OF_ONE_VIEW.into_iter().find(|option| changes.contains_key(*option)) {
         let detail = format!("'{option}' belongs to one view; change it with POST /v1/stacks/{{id}}/rerun");
         return Err(ApiError::new(Code::InvalidRequest, detail));

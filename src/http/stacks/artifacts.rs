@@ -1,5 +1,5 @@
-//! The result files of a stack: `GET /v1/stacks/{id}/{image,mask,...}`. One endpoint per row of [`stack_artifacts`]; all
-//! of them do the same.
+//! The result files of a stack: `GET /v1/stacks/{id}/{image,mask,...}`. One endpoint per row of [`stack_artifacts`];
+//! all of them do the same.
 
 use axum::{
     extract::State,
@@ -21,7 +21,7 @@ use crate::{
     },
 };
 
-/// The endpoint of an artifact: the formats that it can be converted to, then the columns of its row.
+/// The endpoint of an artifact: the formats in which it is sent, then the columns of its row.
 macro_rules! endpoint {
     (VIEWABLE $($row:tt)*) => {
         endpoint! { converted ["image/png", "image/tiff", "image/jpeg"] $($row)* }
@@ -29,6 +29,7 @@ macro_rules! endpoint {
     (LOSSLESS $($row:tt)*) => {
         endpoint! { converted ["image/png", "image/tiff"] $($row)* }
     };
+    // the preview: JPEG, or PNG of older versions
     (AS_STORED $($row:tt)*) => {
         endpoint! { @() ["image/jpeg", "image/png"] $($row)* }
     };

@@ -1,11 +1,6 @@
 //! `POST /v1/stacks`
 
-use axum::{
-    body::Body,
-    extract::State,
-    http::{HeaderMap, Uri},
-    response::Response,
-};
+use axum::{extract::State, response::Response};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -14,6 +9,7 @@ use crate::{
     http::{
         ApiResult, App,
         auth::Caller,
+        extract::Sent,
         ingest::{fields::Fields, request::IngestRequest},
         views::Stack,
     },
@@ -81,16 +77,10 @@ pub struct StackForm {
         (status = 507, description = "`insufficient_storage`, with figures"),
     )
 )]
-pub async fn create(
-    State(app): State<App>,
-    caller: Caller,
-    uri: Uri,
-    headers: HeaderMap,
-    body: Body,
-) -> ApiResult<Response> {
-    let fields = Fields::of_query(&uri)?;
-    let request = IngestRequest::begin(&app, &caller, &headers).await?;
-    let (submission, zip) = request.receive(&JobKind::Stack, fields, body).await?;
+pub async fn create(State(app): State<App>, caller: Caller, sent: Sent) -> ApiResult<Response> {
+    let fields = Fields::of_query(&sent.uri)?;
+    let request = IngestRequest::begin(&app, &caller, &sent.headers).await?;
+    let (submission, zip) = request.receive(&JobKind::Stack, fields, sent.body).await?;
     let stack = request.submit(submission, zip).await?;
     request.answer(stack).await
 }

@@ -1,4 +1,5 @@
-//! Focus stacks: one endpoint per file. Those that calibrations have too are in [`job_endpoints`](super::job_endpoints).
+//! Focus stacks: one endpoint per file, and those of the result files in one. The endpoints that calibrations have too
+//! are in [`job_endpoints`](super::job_endpoints).
 
 pub mod artifacts;
 pub mod create;

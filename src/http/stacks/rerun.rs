@@ -1,11 +1,6 @@
 //! `POST /v1/stacks/{id}/rerun`
 
-use axum::{
-    body::Body,
-    extract::State,
-    http::{HeaderMap, Uri},
-    response::Response,
-};
+use axum::{body::Body, extract::State, http::HeaderMap, response::Response};
 use serde_json::{Map, Value};
 
 use super::upload::removed;
@@ -19,7 +14,7 @@ use crate::{
     http::{
         ApiError, ApiResult, App,
         auth::Caller,
-        extract::{JobId, json, params},
+        extract::{JobId, Sent, json},
         ingest::{
             admission::require_admissible,
             receivable::Receivable,
@@ -75,23 +70,16 @@ const REVISION: &str = "profile_revision";
         (status = 507, description = "`insufficient_storage`, with figures"),
     )
 )]
-pub async fn rerun(
-    State(app): State<App>,
-    caller: Caller,
-    JobId(id): JobId,
-    uri: Uri,
-    headers: HeaderMap,
-    body: Body,
-) -> ApiResult<Response> {
-    params::refuse_rest(&params::pairs(&uri)?, "none; the options are members of the JSON body")?;
-    let changes = changes(&app, &headers, body).await?;
+pub async fn rerun(State(app): State<App>, caller: Caller, JobId(id): JobId, sent: Sent) -> ApiResult<Response> {
+    sent.refuse_query("the options are members of the JSON body")?;
+    let changes = changes(&app, &sent.headers, sent.body).await?;
     let first = load(&app, id, JobKind::Stack).await?;
     let JobRequest::Stack(stored) = &first.request else { return Err(not_found(id, JobKind::Stack)) };
     let submission = submission(&app, &caller, &first, stored, changes).await?;
     if first.upload_removed {
         return Err(removed());
     }
-    let request = IngestRequest::begin(&app, &caller, &headers).await?;
+    let request = IngestRequest::begin(&app, &caller, &sent.headers).await?;
     if !request.key.is_repeat {
         // a local zip is shared by a hard link; space for the copy of one in a bucket is reserved when it is made
         require_admissible(&app, &caller, 0, submission.disk_need(0)).await?;

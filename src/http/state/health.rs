@@ -42,9 +42,10 @@ impl HealthChecks {
 
     async fn run(&self) -> Health {
         let disk = self.disk.state().await.ok();
+        let database = self.store.metadata.healthy().await;
         let written = self.store.blobs.probe().await;
         Health {
-            database: self.store.metadata.healthy().await,
+            database,
             blobs: written.inspect_err(|error| tracing::error!(?error, "cannot store files")).is_ok(),
             has_room: disk.is_some_and(|disk| disk.available() > 0),
             free_bytes: disk.map(|disk| disk.free),

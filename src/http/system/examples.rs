@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 use crate::{
     contract::{Code, Fault},
     http::{
-        problem::{PROBLEM_JSON, code_name, problem, status},
+        problem::{PROBLEM_JSON, problem, status},
         problem_types::problem_type,
     },
 };
@@ -19,7 +19,7 @@ pub fn all(document: &Value) -> Examples {
     let codes = names.into_iter().flatten().filter_map(|name| serde_json::from_value::<Code>(name.clone()).ok());
     let example = |code: Code| {
         let example = problem(&Fault::new(code, problem_type(code).example), Some("/v1/stacks".to_owned()));
-        (code, code_name(code), json!({ "summary": example.title, "value": example }))
+        (code, code.name(), json!({ "summary": example.title, "value": example }))
     };
     Examples(codes.map(example).collect())
 }

@@ -1,5 +1,5 @@
-//! The schemas of the options of a stack. One Rust type gives three schemas, because generated clients need to
-//! distinguish them:
+//! The schemas of the options of a stack, and the names of artifacts. One Rust type of options gives three schemas,
+//! because generated clients need to distinguish them:
 //!
 //! | schema | used in | members |
 //! |---|---|---|
@@ -15,7 +15,7 @@ use serde_json::{Map, Value, json};
 use super::parameters;
 use crate::contract::artifact::StackArtifact;
 
-/// Adds the three schemas, derived from that of the Rust type.
+/// Adds the three schemas, derived from that of the Rust type, and lists the names of artifacts.
 pub fn complete(document: &mut Value) {
     let Some(schemas) = document["components"]["schemas"].as_object_mut() else { return };
     let Some(Value::Object(properties)) = schemas.get("StackOptions").and_then(|made| made.get("properties")).cloned()

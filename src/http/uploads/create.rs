@@ -3,7 +3,7 @@
 use axum::{
     body::Body,
     extract::State,
-    http::{HeaderMap, HeaderValue, StatusCode, header},
+    http::{HeaderMap, StatusCode, header},
     response::{IntoResponse, Response},
 };
 use uuid::Uuid;
@@ -103,11 +103,8 @@ pub async fn create(State(app): State<App>, caller: Caller, headers: HeaderMap, 
             Err(error) => return Err(refused(&app, id, error).await),
         };
     }
-    let mut response = StatusCode::CREATED.into_response();
+    let mut response = (StatusCode::CREATED, [(header::LOCATION, url(upload.id))]).into_response();
     write_headers(response.headers_mut(), &upload);
-    if let Ok(location) = HeaderValue::from_str(&url(upload.id)) {
-        response.headers_mut().insert(header::LOCATION, location);
-    }
     Ok(response)
 }
 

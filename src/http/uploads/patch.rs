@@ -22,7 +22,7 @@ use crate::{
         ApiError, ApiResult, App,
         auth::Caller,
         background,
-        extract::UploadId,
+        extract::{Sent, UploadId},
         ingest::{
             body::{WatchedBody, content_length},
             quota::QuotaClaim,
@@ -75,13 +75,8 @@ const METHODS: &str = "GET,HEAD,PATCH,DELETE,OPTIONS";
         (status = 507, description = "`insufficient_storage`, with figures"),
     )
 )]
-pub async fn patch(
-    State(app): State<App>,
-    caller: Caller,
-    UploadId(id): UploadId,
-    headers: HeaderMap,
-    body: Body,
-) -> ApiResult<Response> {
+pub async fn patch(State(app): State<App>, caller: Caller, UploadId(id): UploadId, sent: Sent) -> ApiResult<Response> {
+    let Sent { headers, body, .. } = sent;
     require_version(&headers)?;
     if !is_piece(&headers) {
         let detail = "the Content-Type of PATCH must be application/offset+octet-stream";
@@ -99,17 +94,11 @@ pub async fn patch(
 ///
 /// # Errors
 /// Those of the method in the header.
-pub async fn overridden(
-    app: State<App>,
-    caller: Caller,
-    id: UploadId,
-    headers: HeaderMap,
-    body: Body,
-) -> ApiResult<Response> {
-    let method = headers.get(METHOD_OVERRIDE).and_then(|value| Method::from_bytes(value.as_bytes()).ok());
+pub async fn overridden(app: State<App>, caller: Caller, id: UploadId, sent: Sent) -> ApiResult<Response> {
+    let method = sent.headers.get(METHOD_OVERRIDE).and_then(|value| Method::from_bytes(value.as_bytes()).ok());
     match method {
-        Some(Method::PATCH) => patch(app, caller, id, headers, body).await,
-        Some(Method::DELETE) => delete::delete(app, id, headers).await.map(IntoResponse::into_response),
+        Some(Method::PATCH) => patch(app, caller, id, sent).await,
+        Some(Method::DELETE) => delete::delete(app, id, sent.headers).await.map(IntoResponse::into_response),
         _ => {
             let detail = "POST to an upload needs the header X-HTTP-Method-Override: PATCH or DELETE";
             Err(ApiError::new(Code::MethodNotAllowed, detail).with_header(header::ALLOW, METHODS))

@@ -65,6 +65,7 @@ pub struct UploadView {
 /// A result file of a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ArtifactView {
+    // in the OpenAPI document, `system/schemas.rs` lists the names in place of this sentence
     /// The name of a [`StackArtifact`](crate::contract::artifact::StackArtifact), or `overlay-{slice}`.
     pub name: String,
     /// URL of the file.
