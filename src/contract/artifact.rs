@@ -1,10 +1,7 @@
 //! The result files of jobs.
 //!
-//! To add a file of a stack: its row in [`stack_artifacts`], and its picture in `jobs/pictures.rs`. Its name and URL,
-//! the endpoint with its documentation, the link in the view of a stack, conversions, its layer in the viewer, and the
-//! disk space that a job reserves follow from the row; `jobs/memory.rs` lists those that are in memory together. Then
-//! generate `openapi/openapi.json` again. A calibration has `overlay-{slice}`, a slice with the detected dots as PNG,
-//! and `report`, JSON.
+//! A file of a stack is a row of [`stack_artifacts`], from which all but its picture (`jobs/pictures.rs`) follows. A
+//! calibration has `overlay-{slice}`, a slice with the detected dots as PNG, and `report`, JSON.
 
 use super::outcome::Artifact;
 

@@ -51,11 +51,14 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
     let slice_pixel = 3 * sample(layout);
     let image_sample = request.options.bit_depth.sample_bytes(layout.bit_depth);
     let sizes = PixelSizes { image_sample, slice_pixel };
-    let outputs = [StackArtifact::Image, StackArtifact::Depth].map(|artifact| artifact.pixel_bytes(&sizes));
+    // data are encoded one after the other, beside the image; the back light is written before
+    let data = |of: &StackArtifact| !matches!(of, StackArtifact::Image | StackArtifact::Backlight);
+    let data = StackArtifact::ALL.into_iter().filter(data).map(|of| of.pixel_bytes(&sizes)).max();
     // height and deviation of a pixel, 4 bytes; the one of them that is being encoded, 2 bytes
     let heights = if with_height { 4 + 2 } else { 0 };
+    let outputs = StackArtifact::Image.pixel_bytes(&sizes) + data.unwrap_or_default();
     // the fused picture; validity and alpha; the outputs
-    let composing = slice_pixel + 2 + silhouettes + heights + outputs.iter().sum::<u64>();
+    let composing = slice_pixel + 2 + silhouettes + heights + outputs;
     let composing = pixels(layout).saturating_mul(composing);
     fusing.saturating_add(files(layout, fusion::slices_in_flight(threads, slices))).max(composing)
 }

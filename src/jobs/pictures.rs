@@ -1,8 +1,7 @@
 //! The image files of a stack.
 //!
-//! In: the fused front light, the silhouette, the options and the profile. Out: the files image, preview, mask,
-//! depth and heights, and the description of the image. The image takes longest, so it is encoded in parallel with the
-//! others.
+//! In: the fused front light, the silhouette, the options and the profile. Out: all files but the fused back light, and
+//! the description of the image. The image takes longest, so it is encoded in parallel with the others.
 
 use std::sync::{Mutex, PoisonError};
 

@@ -262,7 +262,7 @@ class AsyncClient:
         """A result file as bytes.
 
         Args:
-            name: ``image``, ``mask``, ``backlight``, ``depth``, ``height``, ``height-sigma`` or ``preview``.
+            name: a name in ``stack["artifacts"]``, such as ``image`` or ``mask``.
             accept: media type, such as ``image/tiff``; default: the type that the stack was fused with.
         """
         return await self._transport.run(self._do.artifact(stack, name, accept))
