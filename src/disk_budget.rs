@@ -125,6 +125,7 @@ impl DiskBudget {
 
 /// What came of a request for disk space.
 #[derive(Debug)]
+#[must_use = "it may not fit, and a reservation that is dropped is returned"]
 pub enum Reserved {
     /// It fits.
     Granted(Reservation),

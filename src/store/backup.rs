@@ -18,7 +18,7 @@ use super::{
     BlobStore, Job, JobFilter, MetadataStore, PageRequest, Retention, SpoolFile, Store, StoreError, StoreResult,
     Workspace,
     blobs::LocalBlob,
-    data_folder::{open, open_database, remove_database, replace_database},
+    data_folder::{exists, open, open_database, open_metadata, remove_database, replace_database},
     failpoint::step,
     folder::{self, DATABASE, remove},
     gc, local,
@@ -54,6 +54,10 @@ pub struct Copied {
 pub async fn copy(store: &Store, to: &Path) -> StoreResult<Copied> {
     let io = |what: &'static str| move |error: io::Error| StoreError::of_io(error, format!("{what} of the backup"));
     require_backup_or_nothing(to).map_err(io("cannot use the folder"))?;
+    if exists(to) {
+        // one that cannot be replaced is refused before anything is copied
+        open_metadata(to).await?.close().await;
+    }
     make_marked(to).map_err(io("cannot create the folder"))?;
     let (blobs, _parts, workspace) = local::open(to)?;
     let snapshot = to.join(format!("{DATABASE}.new"));
@@ -289,3 +293,6 @@ async fn shared_inode(file: &LocalBlob) -> Option<Inode> {
     let metadata = tokio::fs::metadata(file.path()).await.ok()?;
     (metadata.nlink() > 1).then(|| (metadata.dev(), metadata.ino()))
 }
+
+#[cfg(test)]
+mod tests;

@@ -11,33 +11,41 @@ use tempfile::TempPath;
 
 use super::{StoreError, StoreResult, folder::blocking, ranges::Ranges};
 
+#[derive(Debug)]
+enum Place {
+    /// Removed when dropped.
+    Temporary(TempPath),
+    /// Kept when dropped: its owner removes it.
+    Persistent(PathBuf),
+}
+
+impl Place {
+    fn path(&self) -> &Path {
+        match self {
+            Self::Temporary(path) => path,
+            Self::Persistent(path) => path,
+        }
+    }
+}
+
 /// A local file with the bytes of a blob, valid while this is held. It must not be changed.
 #[derive(Debug)]
 pub struct LocalBlob(Place);
 
-#[derive(Debug)]
-enum Place {
-    InPlace(PathBuf),
-    Copy(TempPath),
-}
-
 impl LocalBlob {
     /// The blob itself.
     pub fn in_place(path: PathBuf) -> Self {
-        Self(Place::InPlace(path))
+        Self(Place::Persistent(path))
     }
 
     /// A copy that is removed when this is dropped.
     pub fn copy(path: TempPath) -> Self {
-        Self(Place::Copy(path))
+        Self(Place::Temporary(path))
     }
 
     /// The path of the file.
     pub fn path(&self) -> &Path {
-        match &self.0 {
-            Place::InPlace(path) => path,
-            Place::Copy(path) => path,
-        }
+        self.0.path()
     }
 
     /// Opens it for code that seeks.
@@ -82,42 +90,31 @@ impl OpenBlob {
 /// A complete local file that is to become a blob ([`BlobStore::put`](super::BlobStore::put)).
 #[derive(Debug)]
 pub struct SpoolFile {
-    location: Location,
+    place: Place,
     /// Key of a blob with the same bytes.
     origin: Option<String>,
-}
-
-#[derive(Debug)]
-enum Location {
-    /// Removed when dropped.
-    Temporary(TempPath),
-    /// Kept when dropped: its owner removes it.
-    Persistent(PathBuf),
 }
 
 impl SpoolFile {
     /// A file that is removed when this is dropped, unless it has become a blob.
     pub fn temporary(path: TempPath) -> Self {
-        Self { location: Location::Temporary(path), origin: None }
+        Self { place: Place::Temporary(path), origin: None }
     }
 
     /// A temporary file with the bytes of the blob `origin`, which need not be sent again if the store can copy.
     pub fn copy_of(path: TempPath, origin: &str) -> Self {
-        Self { location: Location::Temporary(path), origin: Some(origin.to_owned()) }
+        Self { place: Place::Temporary(path), origin: Some(origin.to_owned()) }
     }
 
     /// A file that stays when this is dropped, unless it has become a blob: the parts of an upload, a file in the
     /// scratch folder of a job.
     pub fn persistent(path: PathBuf) -> Self {
-        Self { location: Location::Persistent(path), origin: None }
+        Self { place: Place::Persistent(path), origin: None }
     }
 
     /// The path of the file.
     pub fn path(&self) -> &Path {
-        match &self.location {
-            Location::Temporary(path) => path,
-            Location::Persistent(path) => path,
-        }
+        self.place.path()
     }
 
     /// Opens it for code that seeks.

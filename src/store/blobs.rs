@@ -6,8 +6,8 @@
 //! | `results/{job}/{lease}/{file}` | a result, written under one lease |
 //!
 //! The interface is that of an object store, not of a file system: a blob is written as a whole, is never changed, and
-//! is read by range. Code that seeks, such as the zip reader, asks for [`BlobStore::fetch`], or, if it reads little of the
-//! blob, for [`BlobStore::open`]. Both keep the returned guard as long as they read.
+//! is read by range. Code that seeks, such as the zip reader, asks for [`BlobStore::fetch`], or, if it reads little of
+//! the blob, for [`BlobStore::open`]. Both keep the returned guard as long as they read.
 
 use std::{
     io,

@@ -162,9 +162,6 @@ pub async fn gc_job(store: &Store, id: Uuid) -> StoreResult<()> {
 
 /// Removes the results of leases before `first_kept`. Those of later leases stay: a worker may have claimed the job
 /// since the caller read its row.
-///
-/// # Errors
-/// When the blobs cannot be listed or removed.
 pub(crate) async fn delete_stale_results(blobs: &dyn BlobStore, id: Uuid, first_kept: i64) -> StoreResult<()> {
     let prefix = results_prefix(id);
     let mut stale = BTreeSet::new();

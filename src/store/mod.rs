@@ -50,7 +50,9 @@ pub mod conformance;
 
 pub use blob_files::SpoolFile;
 pub use blobs::BlobStore;
-pub use clock::{Clock, ManualClock, SystemClock};
+pub use clock::{Clock, SystemClock};
+#[cfg(any(test, feature = "testing"))]
+pub use conformance::clock::ManualClock;
 pub use data_folder::{Shared, open, open_metadata, open_shared, open_shared_metadata, open_with_clock};
 pub use error::{StoreError, StoreResult, is_full};
 pub use expiry::{Expiry, Retention};

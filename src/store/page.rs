@@ -11,6 +11,24 @@ pub struct Page<T> {
     pub skipped: Vec<Skipped>,
 }
 
+impl<T> Page<T> {
+    /// The page of these rows. `read` gives the entry of a row, or what is said of one that cannot be read.
+    pub(crate) fn of_rows<R>(
+        rows: Vec<R>,
+        next_cursor: Option<String>,
+        read: impl Fn(R) -> Result<T, Skipped>,
+    ) -> Self {
+        let mut page = Self { items: Vec::new(), next_cursor, skipped: Vec::new() };
+        for row in rows {
+            match read(row) {
+                Ok(item) => page.items.push(item),
+                Err(skipped) => page.skipped.push(skipped),
+            }
+        }
+        page
+    }
+}
+
 /// A row that cannot be read. The log has the reason; `pinstack verify` reports the row too.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
 pub struct Skipped {

@@ -53,9 +53,6 @@ impl std::fmt::Debug for Ranges {
 
 impl Ranges {
     /// Prepares to read a blob of `length` bytes, with the file at `path` for its blocks.
-    ///
-    /// # Errors
-    /// When the file cannot be created.
     pub(super) fn of(path: TempPath, length: u64, source: Source) -> io::Result<Self> {
         step("s3.download")?;
         let file = File::options().read(true).write(true).create(true).truncate(true).open(&path)?;

@@ -18,9 +18,9 @@ use super::{
     trace::Trace,
 };
 use crate::{
-    contract::{Code, Fault, JobError, one_line, profile::Profile, request::JobRequest},
+    contract::{Code, Fault, JobError, Progress, one_line, profile::Profile, request::JobRequest},
     disk_budget::Reservation,
-    jobs::{JobContext, JobOutput},
+    jobs::{JobContext, JobOutput, ProgressSink},
     store::{Finish, Job, SpoolFile, StoreError, StoreResult, failpoint::step, gc::gc_job},
     telemetry::{events, traces},
 };
@@ -112,8 +112,7 @@ impl Executor {
     ) -> Result<Finish, Stopped> {
         let started = Instant::now();
         let _admitted = traces::section("admit", self.admit(job, keeper, gate)).await?;
-        let input = async { Ok::<_, Stopped>((self.profile_of(job).await?, self.archive_of(job).await?)) };
-        let (profile, archive) = traces::section("fetch input", input).await?;
+        let (profile, archive) = traces::section("fetch input", self.input_of(job, keeper)).await?;
         step("scratch.make")
             .map_err(|error| internal(StoreError::of_io(error, "cannot create a scratch folder".into())))?;
         let scratch = tempfile::Builder::new()
@@ -170,6 +169,18 @@ impl Executor {
                 let detail = "this job hit a bug of the service; its log has the details under the id of the job";
                 Err(Fault::new(Code::Internal, detail).into())
             }
+        }
+    }
+
+    /// The profile and the zip. A copy of a large zip takes long: a job that must stop does not wait for its end.
+    async fn input_of(&self, job: &Job, keeper: &LeaseKeeper) -> Result<(Option<Profile>, File), Stopped> {
+        if !self.deps.store.blobs.is_local() {
+            keeper.report(Progress { stage: "reading".into(), ..Progress::default() });
+        }
+        let input = async { Ok::<_, Stopped>((self.profile_of(job).await?, self.archive_of(job).await?)) };
+        tokio::select! {
+            input = input => input,
+            () = keeper.stopped() => Err(JobError::Cancelled(Cancelled).into()),
         }
     }
 

@@ -9,7 +9,7 @@ use crate::{
     store::{
         Job,
         blobs::result_key,
-        conformance::{self, LEASE, memory::MemoryBlobStore},
+        conformance::{self, LEASE, line::Line, memory::MemoryBlobStore},
         gc::{delete_blobs, jobs_with_blobs},
         open_with_clock,
     },

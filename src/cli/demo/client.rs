@@ -17,7 +17,7 @@ pub(super) async fn start_service(data_dir: PathBuf) -> Result<Service> {
     }
 }
 
-/// A client of one server.
+/// A client of one server. Its methods fail when the server does not answer with 2xx, with the detail of the problem.
 pub(super) struct Client {
     base: String,
     http: reqwest::Client,
@@ -30,9 +30,6 @@ impl Client {
     }
 
     /// Uploads a zip to `path` and waits for the job to end.
-    ///
-    /// # Errors
-    /// When the server refuses the upload or the job fails, with the detail of the problem.
     pub(super) async fn run_job(&self, path: &str, zip: &Path) -> Result<Value> {
         let (_, location) = self.upload(path, zip).await?;
         let location = location.context("the server accepted the upload without a Location header")?;
@@ -40,9 +37,6 @@ impl Client {
     }
 
     /// Uploads a zip to `path`. Returns the answer and its header `Location`.
-    ///
-    /// # Errors
-    /// When the server refuses the upload, with the detail of the problem.
     pub(super) async fn upload(&self, path: &str, zip: &Path) -> Result<(Value, Option<String>)> {
         let file = tokio::fs::File::open(zip).await.with_context(|| format!("cannot read {}", zip.display()))?;
         let length = file.metadata().await?.len();
@@ -59,10 +53,7 @@ impl Client {
         Ok((json(answer).await?, location))
     }
 
-    /// Waits until a job ends, which ends its events, then fetches it.
-    ///
-    /// # Errors
-    /// When the job fails, with the reason.
+    /// Waits until a job ends, which ends its events, then fetches it. One that does not succeed is an error.
     pub(super) async fn wait_for(&self, location: &str) -> Result<Value> {
         self.get_bytes(&format!("{location}/events")).await?;
         let job = self.get_json(location).await?;
@@ -74,34 +65,22 @@ impl Client {
     }
 
     /// PUTs JSON.
-    ///
-    /// # Errors
-    /// When the server does not answer with 2xx, with the detail of the problem.
     pub(super) async fn put_json(&self, path: &str, body: &Value) -> Result<Value> {
         json(self.http.put(format!("{}{path}", self.base)).json(body).send().await?).await
     }
 
     /// POSTs bytes and returns the bytes of the answer.
-    ///
-    /// # Errors
-    /// When the server does not answer with 2xx.
     pub(super) async fn post_bytes(&self, path: &str, body: Vec<u8>) -> Result<Vec<u8>> {
         let answer = self.http.post(format!("{}{path}", self.base)).body(body).send().await?;
         Ok(answer.error_for_status().with_context(|| format!("POST {path}"))?.bytes().await?.to_vec())
     }
 
     /// GETs JSON.
-    ///
-    /// # Errors
-    /// When the server does not answer with 2xx, with the detail of the problem.
     pub(super) async fn get_json(&self, path: &str) -> Result<Value> {
         json(self.http.get(format!("{}{path}", self.base)).send().await?).await
     }
 
     /// GETs bytes.
-    ///
-    /// # Errors
-    /// When the server does not answer with 2xx.
     pub(super) async fn get_bytes(&self, path: &str) -> Result<Vec<u8>> {
         let answer = self.http.get(format!("{}{path}", self.base)).send().await?;
         Ok(answer.error_for_status().with_context(|| format!("GET {path}"))?.bytes().await?.to_vec())

@@ -21,9 +21,6 @@ const QUALITY: u8 = 95;
 pub(super) const TARGET_COLUMNS: usize = 19;
 
 /// Renders the dot target at every rail position into a zip.
-///
-/// # Errors
-/// When the zip cannot be written.
 pub(super) fn write_target(rig: &Rig, target: &DotTarget, path: &Path) -> Result<()> {
     let slices = (0..rig.slices()).into_par_iter().map(|i| {
         let name = format!("dots_{:02}.jpg", i + 1);
@@ -33,9 +30,6 @@ pub(super) fn write_target(rig: &Rig, target: &DotTarget, path: &Path) -> Result
 }
 
 /// Renders the scene at every rail position with front and back light into a zip.
-///
-/// # Errors
-/// When the zip cannot be written.
 pub(super) fn write_stack(stage: &Stage, path: &Path) -> Result<()> {
     write_zip(stack_members(stage).into_iter(), path)
 }
@@ -55,18 +49,12 @@ fn jpeg(picture: &Raster) -> Vec<u8> {
 }
 
 /// Writes a zip. Members are made one after the other, so a scan need not fit into the memory.
-///
-/// # Errors
-/// When the zip cannot be written.
 pub(super) fn write_zip(members: impl Iterator<Item = (String, Vec<u8>)>, path: &Path) -> Result<()> {
     let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
     pack(BufWriter::new(file), members).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// Writes a picture.
-///
-/// # Errors
-/// When the file cannot be written.
 pub(super) fn write_png(path: &Path, picture: &Raster) -> Result<()> {
     let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
     codec::encode_png(&mut BufWriter::new(file), picture, &Metadata::default())

@@ -22,9 +22,6 @@ const STYLE: &str = "body{font:14px sans-serif;margin:16px;display:grid;gap:16px
     img{width:100%;background:repeating-conic-gradient(#ddd 0 25%,#fff 0 50%) 0/16px 16px}";
 
 /// Writes the page and its pictures into `out`, where the results are. `height` is the height map.
-///
-/// # Errors
-/// When a file cannot be written.
 pub(super) fn write(out: &Path, rig: &Rig, score: &Score, height: &Raster) -> Result<()> {
     let pictures = [
         ("first-slice.png", &score.first_slice),

@@ -42,9 +42,6 @@ pub(super) struct SingleDemo {
 
 impl SingleDemo {
     /// Runs the demo.
-    ///
-    /// # Errors
-    /// When a file cannot be written, or a request or a job fails.
     pub(super) async fn run(self) -> Result<()> {
         let begin = Instant::now();
         let rig = Rig { seed: self.seed, ..Rig::sized(self.width, self.width * 2 / 3, self.slices) };

@@ -11,13 +11,14 @@
 //! | [`gc_conformance!`](crate::gc_conformance) | all of them, with garbage collection | `async fn() -> (guard, FreshStore)` |
 //!
 //! The path of the function must be absolute. The guard is kept until the test ends. A second argument says what the
-//! engine needs that a machine may lack: the tests are ignored for this reason. The suites are compiled for the tests of
-//! this crate, and for other crates with the feature `testing`, so that a test can run them against a live database.
+//! engine needs that a machine may lack: the tests are ignored for this reason. The suites are compiled for the tests
+//! of this crate, and for other crates with the feature `testing`, so that a test can run them against a live database.
 
 // the name of a case states what it requires
 #![allow(missing_docs)]
 
 pub mod blobs;
+pub mod clock;
 pub mod database;
 pub mod disk;
 pub mod expiry;

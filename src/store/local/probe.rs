@@ -7,9 +7,6 @@ use std::{fs, io, os::unix::fs::MetadataExt, path::Path};
 const NAME: &str = "probe";
 
 /// Writes a file into the workspace and renames it into each of `to`.
-///
-/// # Errors
-/// When it cannot be written or renamed.
 pub(super) fn probe(spool: &Path, to: &[&Path]) -> io::Result<()> {
     for to in to {
         let (file, moved) = (spool.join(format!("{NAME}-{}", uuid::Uuid::now_v7())), to.join(NAME));

@@ -57,31 +57,11 @@ pub(in crate::store) struct JobRow {
     pub(in crate::store) fingerprint: Option<String>,
 }
 
-from_row!(JobRow {
-    seq,
-    id,
-    rig,
-    lens,
-    request,
-    state,
-    stage,
-    completed,
-    total,
-    fraction,
-    attempt,
-    lease_token,
-    version,
-    created_at,
-    started_at,
-    finished_at,
-    cancel_requested,
-    error,
-    warnings,
-    outcome,
-    upload_removed,
-    trace,
+from_row! { JobRow {
+    seq, id, rig, lens, request, state, stage, completed, total, fraction, attempt, lease_token, version,
+    created_at, started_at, finished_at, cancel_requested, error, warnings, outcome, upload_removed, trace,
     fingerprint
-});
+} }
 
 impl JobRow {
     /// Bytes of the columns that grow with the number of slices.
@@ -133,16 +113,12 @@ pub(in crate::store) fn time(ms: i64) -> StoreResult<Timestamp> {
 }
 
 pub(in crate::store) fn kind(text: &str) -> StoreResult<JobKind> {
-    match text {
-        "stack" => Ok(JobKind::Stack),
-        "calibration" => Ok(JobKind::Calibration),
-        _ => Err(anyhow!("a row contains the unknown kind '{text}'").into()),
-    }
+    let known = JobKind::ALL.into_iter().find(|kind| kind.as_str() == text);
+    Ok(known.ok_or_else(|| anyhow!("a row contains the unknown kind '{text}'"))?)
 }
 
 pub(in crate::store) fn state(text: &str) -> StoreResult<JobState> {
-    let all = [JobState::Queued, JobState::Running, JobState::Succeeded, JobState::Failed, JobState::Cancelled];
-    let known = all.into_iter().find(|state| state.as_str() == text);
+    let known = JobState::ALL.into_iter().find(|state| state.as_str() == text);
     Ok(known.ok_or_else(|| anyhow!("a row contains the unknown state '{text}'"))?)
 }
 
@@ -154,13 +130,6 @@ pub(in crate::store) fn signed(bytes: u64) -> i64 {
 /// A number of bytes, or a count, as a column returns it.
 pub(in crate::store) fn unsigned(number: i64) -> u64 {
     u64::try_from(number).unwrap_or(0)
-}
-
-pub(in crate::store) fn kind_name(kind: JobKind) -> &'static str {
-    match kind {
-        JobKind::Stack => "stack",
-        JobKind::Calibration => "calibration",
-    }
 }
 
 /// How long a job is kept after its end, if its request says so.
@@ -175,15 +144,10 @@ pub(in crate::store) fn keep_ms(request: &JobRequest) -> Option<i64> {
 pub(in crate::store) async fn listed(rows: Vec<JobRow>, next_cursor: Option<String>) -> StoreResult<Page<Job>> {
     // parsing megabytes of JSON would block a thread that serves requests
     let parsed = tokio::task::spawn_blocking(move || {
-        let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
-        for row in rows {
+        Page::of_rows(rows, next_cursor, |row| {
             let id = row.id;
-            match Job::try_from(row) {
-                Ok(job) => page.items.push(job),
-                Err(error) => page.skipped.push(Skipped::unreadable(id.to_string(), &error)),
-            }
-        }
-        page
+            Job::try_from(row).map_err(|error| Skipped::unreadable(id.to_string(), &error))
+        })
     });
     Ok(parsed.await.context("the task that parses rows panicked")?)
 }
@@ -199,7 +163,7 @@ pub(in crate::store) fn counts(rows: Vec<(String, i64)>) -> StoreResult<JobCount
             JobState::Failed => &mut counts.failed,
             JobState::Cancelled => &mut counts.cancelled,
         };
-        *place = u64::try_from(count).unwrap_or(0);
+        *place = unsigned(count);
     }
     Ok(counts)
 }

@@ -81,14 +81,9 @@ pub(in crate::store) async fn parsed<T: DeserializeOwned + Send + 'static>(
 ) -> StoreResult<Page<T>> {
     let (rows, next_cursor) = window.fill(rows, |row: &RevisionRow| (row.seq, row.json.len())).await?;
     let parsed = tokio::task::spawn_blocking(move || {
-        let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
-        for row in rows {
-            match json::read(row.label(), &row.json) {
-                Ok(item) => page.items.push(item),
-                Err(error) => page.skipped.push(Skipped::unreadable(row.label(), &error)),
-            }
-        }
-        page
+        Page::of_rows(rows, next_cursor, |row| {
+            json::read(row.label(), &row.json).map_err(|error| Skipped::unreadable(row.label(), &error))
+        })
     });
     Ok(parsed.await.context("the task that parses rows panicked")?)
 }

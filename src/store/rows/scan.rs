@@ -35,13 +35,8 @@ impl TryFrom<ScanRow> for Scan {
 
 /// A page of scans. Rows that cannot be read are listed as skipped.
 pub(in crate::store) fn listed(rows: Vec<ScanRow>, next_cursor: Option<String>) -> Page<Scan> {
-    let mut page = Page { items: Vec::new(), next_cursor, skipped: Vec::new() };
-    for row in rows {
+    Page::of_rows(rows, next_cursor, |row| {
         let name = row.name.clone();
-        match Scan::try_from(row) {
-            Ok(scan) => page.items.push(scan),
-            Err(error) => page.skipped.push(Skipped::unreadable(name, &error)),
-        }
-    }
-    page
+        Scan::try_from(row).map_err(|error| Skipped::unreadable(name, &error))
+    })
 }

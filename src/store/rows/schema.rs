@@ -10,8 +10,8 @@ use crate::store::StoreError;
 
 /// The migrations of an engine, in order: version, name, statements. A published one is never edited.
 ///
-/// Versions before the first are those of programs before the first release. They are not used again, so that a database
-/// of such a program is recognised.
+/// Versions before the first are those of programs before the first release. They are not used again, so that a
+/// database of such a program is recognised.
 pub(in crate::store) struct Schema(pub(in crate::store) &'static [(i64, &'static str, &'static str)]);
 
 impl Schema {

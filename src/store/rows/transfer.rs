@@ -42,119 +42,47 @@ pub(in crate::store) struct Table {
 
 use Kind::{Bytes, Flag, Id, Integer, Real, Text};
 
+/// The tables, each as its name, `numbered` if the database gives `seq`, and its columns with what they hold.
+macro_rules! tables {
+    (@) => { false };
+    (@ numbered) => { true };
+    ($($name:ident $($numbered:ident)? { $($column:ident $kind:ident),+ $(,)? })+) => {
+        [$(Table {
+            name: stringify!($name),
+            columns: &[$((stringify!($column), $kind)),+],
+            is_numbered: tables!(@ $($numbered)?),
+        }),+]
+    };
+}
+
 /// Every table, those first to which others refer.
-pub(in crate::store) const TABLES: [Table; 9] = [
-    Table {
-        name: "profiles",
-        columns: &[("rig", Text), ("lens", Text), ("last_revision", Integer), ("current_revision", Integer)],
-        is_numbered: false,
-    },
-    Table {
-        name: "revisions",
-        columns: &[
-            ("seq", Integer),
-            ("rig", Text),
-            ("lens", Text),
-            ("revision", Integer),
-            ("body", Text),
-            ("deleted_at", Integer),
-        ],
-        is_numbered: true,
-    },
-    Table { name: "revision_heads", columns: &[("seq", Integer), ("head", Text)], is_numbered: false },
-    Table {
-        name: "jobs",
-        columns: &[
-            ("seq", Integer),
-            ("id", Id),
-            ("kind", Text),
-            ("rig", Text),
-            ("lens", Text),
-            ("scan", Text),
-            ("request", Text),
-            ("state", Text),
-            ("stage", Text),
-            ("completed", Integer),
-            ("total", Integer),
-            ("fraction", Real),
-            ("attempt", Integer),
-            ("lease_token", Integer),
-            ("lease_until", Integer),
-            ("lease_ms", Integer),
-            ("claim_after", Integer),
-            ("version", Integer),
-            ("created_at", Integer),
-            ("started_at", Integer),
-            ("finished_at", Integer),
-            ("keep_ms", Integer),
-            ("cancel_requested", Flag),
-            ("delete_requested", Flag),
-            ("error", Text),
-            ("warnings", Text),
-            ("outcome", Text),
-            ("idempotency_key", Text),
-            ("fingerprint", Text),
-            ("owner", Id),
-            ("upload_bytes", Integer),
-            ("result_bytes", Integer),
-            ("upload_removed", Flag),
-            ("background", Integer),
-            ("share", Text),
-            ("turn", Integer),
-            ("turn_end", Integer),
-            ("trace", Text),
-        ],
-        is_numbered: true,
-    },
-    Table {
-        name: "scans",
-        columns: &[
-            ("seq", Integer),
-            ("name", Text),
-            ("rig", Text),
-            ("lens", Text),
-            ("body", Text),
-            ("version", Integer),
-            ("owner", Id),
-            ("created_at", Integer),
-            ("updated_at", Integer),
-        ],
-        is_numbered: true,
-    },
-    Table {
-        name: "uploads",
-        columns: &[
-            ("id", Id),
-            ("length", Integer),
-            ("received", Integer),
-            ("digest", Bytes),
-            ("metadata", Text),
-            ("job_kind", Text),
-            ("fault", Text),
-            ("wanted", Integer),
-            ("created_at", Integer),
-            ("expires_at", Integer),
-            ("owner", Id),
-            ("last_byte_at", Integer),
-        ],
-        is_numbered: false,
-    },
-    Table {
-        name: "tokens",
-        columns: &[
-            ("id", Id),
-            ("name", Text),
-            ("digest", Bytes),
-            ("scopes", Text),
-            ("created_at", Integer),
-            ("revoked_at", Integer),
-            ("quota_bytes", Integer),
-        ],
-        is_numbered: false,
-    },
-    Table { name: "clock_seen", columns: &[("id", Integer), ("at_ms", Integer)], is_numbered: false },
-    Table { name: "clock_gaps", columns: &[("at_ms", Integer), ("gap_ms", Integer)], is_numbered: false },
-];
+pub(in crate::store) const TABLES: [Table; 9] = tables! {
+    profiles { rig Text, lens Text, last_revision Integer, current_revision Integer }
+    revisions numbered { seq Integer, rig Text, lens Text, revision Integer, body Text, deleted_at Integer }
+    revision_heads { seq Integer, head Text }
+    jobs numbered {
+        seq Integer, id Id, kind Text, rig Text, lens Text, scan Text, request Text, state Text, stage Text,
+        completed Integer, total Integer, fraction Real, attempt Integer, lease_token Integer, lease_until Integer,
+        lease_ms Integer, claim_after Integer, version Integer, created_at Integer, started_at Integer,
+        finished_at Integer, keep_ms Integer, cancel_requested Flag, delete_requested Flag, error Text,
+        warnings Text, outcome Text, idempotency_key Text, fingerprint Text, owner Id, upload_bytes Integer,
+        result_bytes Integer, upload_removed Flag, background Integer, share Text, turn Integer, turn_end Integer,
+        trace Text,
+    }
+    scans numbered {
+        seq Integer, name Text, rig Text, lens Text, body Text, version Integer, owner Id, created_at Integer,
+        updated_at Integer,
+    }
+    uploads {
+        id Id, length Integer, received Integer, digest Bytes, metadata Text, job_kind Text, fault Text,
+        wanted Integer, created_at Integer, expires_at Integer, owner Id, last_byte_at Integer,
+    }
+    tokens {
+        id Id, name Text, digest Bytes, scopes Text, created_at Integer, revoked_at Integer, quota_bytes Integer,
+    }
+    clock_seen { id Integer, at_ms Integer }
+    clock_gaps { at_ms Integer, gap_ms Integer }
+};
 
 impl Table {
     fn select(&self) -> String {
@@ -219,9 +147,6 @@ binding!(to_postgres, Query<'q, Postgres, PgArguments>);
 binding!(to_sqlite, Query<'q, Sqlite, sqlx::sqlite::SqliteArguments>);
 
 /// Copies all rows of a Postgres database into an empty SQLite database. Both are within a transaction of the caller.
-///
-/// # Errors
-/// When one of them cannot be read or written.
 pub(in crate::store) async fn from_postgres(from: &mut PgConnection, to: &mut SqliteConnection) -> StoreResult<()> {
     for table in &TABLES {
         let insert = table.insert('?', "");
@@ -235,9 +160,6 @@ pub(in crate::store) async fn from_postgres(from: &mut PgConnection, to: &mut Sq
 }
 
 /// Copies all rows of a SQLite database into an empty Postgres database. Both are within a transaction of the caller.
-///
-/// # Errors
-/// When one of them cannot be read or written.
 pub(in crate::store) async fn to_postgres_from(from: &mut SqliteConnection, to: &mut PgConnection) -> StoreResult<()> {
     for table in &TABLES {
         let insert = table.insert('$', if table.is_numbered { " OVERRIDING SYSTEM VALUE" } else { "" });
@@ -258,9 +180,6 @@ pub(in crate::store) async fn to_postgres_from(from: &mut SqliteConnection, to: 
 }
 
 /// Names of the tables that have rows. The tables of the clock are not counted: a new database has rows in them too.
-///
-/// # Errors
-/// When the database cannot be read.
 pub(in crate::store) async fn filled_tables(of: &mut PgConnection) -> StoreResult<Vec<&'static str>> {
     let mut filled = Vec::new();
     for table in TABLES.iter().filter(|table| !table.name.starts_with("clock_")) {

@@ -85,17 +85,13 @@ pub(in crate::store) fn open_uploads_window(page: &PageRequest) -> StoreResult<(
 }
 
 /// A page of open uploads, of at most `limit` rows. Rows that cannot be read are listed as skipped.
-pub(in crate::store) fn listed(rows: Vec<OpenUploadRow>, limit: i64) -> Page<OpenUpload> {
+pub(in crate::store) fn listed(mut rows: Vec<OpenUploadRow>, limit: i64) -> Page<OpenUpload> {
     let full = usize::try_from(limit - 1).unwrap_or(usize::MAX);
     let more = rows.len() > full;
-    let mut page = Page { items: Vec::new(), next_cursor: None, skipped: Vec::new() };
-    for row in rows.into_iter().take(full) {
+    rows.truncate(full);
+    let next_cursor = rows.last().filter(|_| more).map(|row| row.upload.id.simple().to_string());
+    Page::of_rows(rows, next_cursor, |row| {
         let id = row.upload.id;
-        page.next_cursor = more.then(|| id.simple().to_string());
-        match OpenUpload::try_from(row) {
-            Ok(open) => page.items.push(open),
-            Err(error) => page.skipped.push(Skipped::unreadable(id.to_string(), &error)),
-        }
-    }
-    page
+        OpenUpload::try_from(row).map_err(|error| Skipped::unreadable(id.to_string(), &error))
+    })
 }

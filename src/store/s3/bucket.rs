@@ -231,6 +231,18 @@ impl Bucket {
         Ok(listed.common_prefixes.iter().filter_map(|path| path.filename().map(str::to_owned)).collect())
     }
 
+    /// The same bytes; fewer or more than were asked for are an error.
+    async fn whole(&self, key: &str, range: Range<u64>) -> StoreResult<Option<Bytes>> {
+        let wanted = range.end - range.start;
+        let bytes = self.get(key, range).await?;
+        match bytes.as_ref().map(|bytes| bytes.len() as u64).filter(|got| *got != wanted) {
+            None => Ok(bytes),
+            Some(got) => {
+                Err(StoreError::Unavailable(anyhow!("the bucket sent {got} bytes of a file where it has {wanted}")))
+            }
+        }
+    }
+
     /// Writes pieces of objects one after the other into a new file. False when one of them is gone.
     pub(super) async fn download(&self, pieces: Vec<(String, Range<u64>)>, to: &FilePath) -> StoreResult<bool> {
         let what = || "cannot write what was downloaded from the bucket".to_owned();
@@ -240,7 +252,7 @@ impl Bucket {
         let (file, mut at) = (Arc::new(file), 0);
         let pieces = pieces.into_iter().flat_map(|(key, range)| cut(range).map(move |range| (key.clone(), range)));
         let mut arriving =
-            stream::iter(pieces).map(|(key, range)| async move { self.get(&key, range).await }).buffered(AT_ONCE);
+            stream::iter(pieces).map(|(key, range)| async move { self.whole(&key, range).await }).buffered(AT_ONCE);
         while let Some(bytes) = arriving.try_next().await? {
             let Some(bytes) = bytes else { return Ok(false) };
             let (file, offset) = (Arc::clone(&file), at);

@@ -34,9 +34,6 @@ struct Service(HttpsClient<HttpRequestBody>);
 
 impl Connector {
     /// A client that trusts the public certificate authorities, and those in `ca_file`.
-    ///
-    /// # Errors
-    /// When the file has no certificate.
     pub(super) fn new(ca_file: Option<&Path>) -> anyhow::Result<Self> {
         Ok(Self(Service(https::client("storage_ca_file", ca_file)?)))
     }

@@ -6,7 +6,9 @@ use tempfile::TempDir;
 use uuid::Uuid;
 
 use super::{
-    S3Location, S3Url, open,
+    S3Location, S3Url,
+    bucket::Bucket,
+    open,
     test_server::{self, server},
 };
 use crate::store::{
@@ -87,6 +89,20 @@ async fn a_large_file_is_stored_in_parts_and_comes_back() {
     put_blob(&store, &key, &bytes).await;
     assert_eq!(store.blobs.head(&key).await.unwrap().expect("it is stored").size, 21_000_001);
     assert!(bytes_of_blob(&store, &key).await.expect("it is stored") == bytes);
+}
+
+#[tokio::test]
+#[ignore = "needs moto, curl"]
+async fn a_bucket_that_sends_too_few_bytes_is_unavailable() {
+    let (folder, location) = location("");
+    let bucket = Bucket::connect(&location).expect("a bucket");
+    let (key, path) = (upload_key(Uuid::now_v7()), folder.path().join("copy"));
+    bucket.put(&key, "zip".into()).await.unwrap();
+    assert!(bucket.download(vec![(key.clone(), 0..3)], &path).await.unwrap());
+    assert_eq!(fs::read(&path).unwrap(), b"zip");
+    let refused = bucket.download(vec![(key, 0..4)], &path).await.expect_err("it has three bytes");
+    assert!(matches!(refused, StoreError::Unavailable(_)), "{refused}");
+    assert!(refused.to_string().contains("sent 3 bytes of a file where it has 4"), "{refused}");
 }
 
 #[tokio::test]

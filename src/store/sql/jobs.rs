@@ -15,7 +15,7 @@ use crate::{
         BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, Page, PageRequest,
         StoreResult, json,
         rows::{
-            JobRow, blob_keys, counts, keep_ms, kind, kind_name, listed,
+            JobRow, blob_keys, counts, keep_ms, kind, listed,
             page::Window,
             signed, state,
             transaction::{Lock, Notice},
@@ -88,7 +88,7 @@ impl JobQueue for Metadata {
              ORDER BY seq DESC LIMIT $7",
         )
         .bind(window.before)
-        .bind(filter.kind.map(kind_name))
+        .bind(filter.kind.map(JobKind::as_str))
         .bind(filter.state.map(JobState::as_str))
         .bind(filter.rig.as_ref().map(Name::as_str))
         .bind(filter.lens.as_ref().map(Name::as_str))
@@ -257,7 +257,7 @@ async fn insert_behind(
          RETURNING *",
     )
     .bind(job.id)
-    .bind(kind_name(job.request.kind()))
+    .bind(job.request.kind().as_str())
     .bind(job.rig.as_str())
     .bind(job.lens.as_str())
     .bind(job.request.scan().map(Name::as_str))

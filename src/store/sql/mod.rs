@@ -14,8 +14,8 @@
 //! | `dialect!(INDEXED BY name)` | names the index: without a statistic of the table, SQLite would sort the whole queue | nothing |
 //!
 //! Both engines take the other statements as they are. Rules for a new one: parameters are `$1`, flags `true` and
-//! `NOT flag`, numbers are bound and read as `i64`, a sum is `CAST(... AS bigint)`, a subquery in `FROM` has a name, and
-//! the target of `ON CONFLICT ... DO UPDATE` names its table. Never `$1::text`: SQLite reads that as a name.
+//! `NOT flag`, numbers are bound and read as `i64`, a sum is `CAST(... AS bigint)`, a subquery in `FROM` has a name,
+//! and the target of `ON CONFLICT ... DO UPDATE` names its table. Never `$1::text`: SQLite reads that as a name.
 
 mod clock_gaps;
 mod expiry;

@@ -16,7 +16,7 @@ use crate::{
         clock::later,
         json,
         rows::{
-            JobRow, kind_name, signed, time,
+            JobRow, signed, time,
             transaction::{Lock, Notice},
             unsigned,
             upload::{OpenUploadRow, UploadRow, listed, open_uploads_window},
@@ -148,7 +148,7 @@ impl UploadRecords for Metadata {
         };
         let enqueued = jobs::insert(self, &mut tx, job, sender, queue_limit).await?;
         if let Enqueue::Accepted(_) = &enqueued {
-            record_purpose(&mut tx, job.id, kind_name(job.request.kind())).await?;
+            record_purpose(&mut tx, job.id, job.request.kind().as_str()).await?;
             own_by_upload(&mut tx, job.id, job.id).await?;
             self.commit(tx, "rows.complete_upload", Notice::Arrivals(&[job.id])).await?;
         }

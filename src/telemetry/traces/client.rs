@@ -27,9 +27,6 @@ pub(super) struct CollectorClient {
 
 impl CollectorClient {
     /// A client for the runtime of the caller.
-    ///
-    /// # Errors
-    /// When the file has no certificate.
     pub(super) fn new(ca_file: Option<&Path>) -> anyhow::Result<Self> {
         Ok(Self { client: https::client("otlp_ca_file", ca_file)?, runtime: Handle::try_current()? })
     }

@@ -20,6 +20,29 @@ worker_test! {
 }
 
 worker_test! {
+    async fn a_job_whose_zip_is_still_on_its_way_stops_at_once() {
+        let mut stage = stage().await;
+        // the copy of a zip takes an hour
+        stage.deps.store = MemoryBlobStore::behind(Line::new(1e9, Duration::from_secs(3600)), stage.deps.store);
+        stage.deps.disk = DiskBudget::new(&stage.deps.store, 0);
+        let pool = Pool::start(stage.deps.clone(), config(1));
+        let is_copying = |job: &Job| job.state == JobState::Running && job.progress.stage == "reading";
+        let cancelled = stage.accept().await;
+        stage.until(cancelled, is_copying).await;
+        stage.deps.store.metadata.cancel(cancelled).await.unwrap();
+        assert_eq!(stage.ended(cancelled).await.state, JobState::Cancelled);
+        let released = stage.accept().await;
+        stage.until(released, is_copying).await;
+        pool.shutdown(Duration::ZERO).await;
+        let job = conformance::job(&*stage.deps.store.metadata, released).await;
+        assert_eq!((job.state, job.attempt), (JobState::Queued, 0));
+        assert!(stage.began.try_recv().is_err(), "neither began");
+        assert_eq!(stage.scratch_folders(), 0, "the incomplete copies are removed");
+        assert_eq!(stage.deps.disk.reserved(), 0, "and the space for them is returned");
+    }
+}
+
+worker_test! {
     async fn a_cancel_by_another_process_is_observed_with_the_next_heartbeat() {
         let mut stage = stage().await;
         let _pool = Pool::start(stage.deps.clone(), config(1));

@@ -31,9 +31,6 @@ pub(super) const RETAKE: &str = "retake.zip";
 pub(super) const TRUTH: &str = "truth";
 
 /// Renders all files into `out`.
-///
-/// # Errors
-/// When a file cannot be written.
 pub(super) fn write(setup: &Setup, out: &Path) -> Result<()> {
     eprintln!("rendering the dot target");
     write_target(&setup.rig, &setup.target(), &out.join(TARGET))?;

@@ -53,9 +53,6 @@ pub(super) struct ScanDemo {
 
 impl ScanDemo {
     /// Runs the demo.
-    ///
-    /// # Errors
-    /// When a file cannot be written, or a request or a job fails.
     pub(super) async fn run(self) -> Result<()> {
         let begin = Instant::now();
         let data = self.out.join("data");
