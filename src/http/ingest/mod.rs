@@ -9,8 +9,8 @@
 //! | 5. Directory and headers of the zip are checked; the file becomes a blob, the job a row. | [`submit`], [`many`], [`scan_views`] |
 //! | 6. Only then does the client receive 202. | [`accept`] |
 //!
-//! The imports have no circles: to read a file, only those that it imports are needed. A rerun of a stack takes a stored
-//! zip and skips step 4 only. Resumable uploads share steps 2, 3 and 5.
+//! The imports have no circles: to read a file, only those that it imports are needed. A rerun of a stack takes a
+//! stored zip and skips step 4 only. Resumable uploads share steps 2, 3 and 5.
 
 mod accept;
 pub mod admission;
