@@ -5,3 +5,4 @@ mod circles;
 mod dependencies;
 mod size;
 mod source;
+mod syntax;
