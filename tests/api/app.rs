@@ -9,7 +9,6 @@ use pinstack::{
         outcome::{Artifact, CalibrationOutcome, HeightInfo, ImageInfo, JobOutcome, StackOutcome},
         request::JobRequest,
     },
-    disk_budget::Reservation,
     http::{self, App, Policy},
     store::{self, Finish, Job, MetadataStore, SpoolFile, Store, blobs::result_key, gc},
 };
@@ -56,9 +55,7 @@ impl TestApp {
         let mut policy = Policy { min_free_bytes: 0, ..Policy::default() };
         change(&mut policy);
         let app = App::new(store.clone(), policy);
-        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
-        let base = format!("http://{}", listener.local_addr().expect("an address"));
-        tokio::spawn(http::serve(app.clone(), listener));
+        let base = serve(app.clone()).await;
         let client = Client::builder().no_proxy().build().expect("a client");
         Self { base, client, store, app, data }
     }
@@ -68,10 +65,15 @@ impl TestApp {
         let policy = Policy { auth_required: true, ..(*self.app.policy).clone() };
         let mut app = self.app.clone();
         app.policy = Arc::new(policy);
-        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
-        let base = format!("http://{}", listener.local_addr().expect("an address"));
-        tokio::spawn(http::serve(app, listener));
-        base
+        serve(app).await
+    }
+
+    /// The base URL of a second server on the same store, for which no byte of the disk is free.
+    pub async fn on_a_full_disk(&self) -> String {
+        let policy = Policy { min_free_bytes: u64::MAX, ..(*self.app.policy).clone() };
+        let mut app = App::new(self.store.clone(), policy);
+        app.shutdown = self.app.shutdown.clone();
+        serve(app).await
     }
 
     /// The metadata as another process on the same machine has opened it: its changes are not announced to this one.
@@ -237,21 +239,18 @@ impl TestApp {
         path.metadata().map(|m| m.len()).unwrap_or(0)
     }
 
-    /// Reserves all free space of the disk until the reservation is dropped.
-    pub async fn without_room(&self) -> Reservation {
-        // another process may write between the two steps
-        loop {
-            let available = self.app.disk.state().await.expect("measured").available();
-            if let Ok(reservation) = self.app.disk.reserve(available).await.expect("measured").granted() {
-                return reservation;
-            }
-        }
-    }
-
     /// Files in the spool folder.
     pub fn spooled(&self) -> usize {
         std::fs::read_dir(self.store.workspace.path()).expect("the spool can be read").count()
     }
+}
+
+/// Starts a server and returns its base URL.
+async fn serve(app: App) -> String {
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
+    let base = format!("http://{}", listener.local_addr().expect("an address"));
+    tokio::spawn(http::serve(app, listener));
+    base
 }
 
 /// Body of `PUT /v1/profiles/...`: nearly identical slices.

@@ -207,14 +207,15 @@ async fn a_full_disk_refuses_a_conversion() {
     let job = app.claim().await;
     app.finish(&job).await;
     let url = format!("/v1/stacks/{}/image", id(&stack));
-    let _all = app.without_room().await;
-    let refused = app.get(&url).header("accept", "image/tiff").send().await.unwrap();
+    let full = app.on_a_full_disk().await;
+    let get = |path: &str| app.client.get(format!("{full}{path}"));
+    let refused = get(&url).header("accept", "image/tiff").send().await.unwrap();
     let told = problem(refused, 507, "insufficient_storage").await;
     assert!(told["detail"].as_str().unwrap().contains("as it is stored"), "{told}");
-    let tile = app.get(&format!("/stacks/{}/tiles/image/0/0/0", id(&stack))).send().await.unwrap();
+    let tile = get(&format!("/stacks/{}/tiles/image/0/0/0", id(&stack))).send().await.unwrap();
     let told = problem(tile, 507, "insufficient_storage").await;
     assert!(told["detail"].as_str().unwrap().ends_with("for the viewer; free some space"), "{told}");
-    assert_eq!(app.get(&url).send().await.unwrap().status(), StatusCode::OK, "the stored file needs no room");
+    assert_eq!(get(&url).send().await.unwrap().status(), StatusCode::OK, "the stored file needs no room");
     assert_eq!(app.spooled(), 0);
 }
 
