@@ -180,6 +180,7 @@ impl Plan {
 /// |---|---|---|
 /// | fixed lens | the sensor moves back: the image grows, so `s` falls, and the focus comes nearer | smaller `s` |
 /// | moving lens | the camera moves back: the image shrinks, so `s` grows, and the focus comes nearer | larger `s` |
+/// | lens alone | the lens moves back: the image shrinks, so `s` grows; the focus comes nearer where the magnification is above 1 | larger `s` there, else smaller |
 ///
 /// Without a capture mode, gains of a fixed lens identify it: light falls off with the squared distance of the sensor,
 /// as the area of the image grows, so `ln g = -2 ln s`.
@@ -192,6 +193,7 @@ fn near_first(profile: &ProfileInput) -> Option<bool> {
         _ if growth.abs() < MIN_LOG_SCALE_CHANGE || !growth.is_finite() => None,
         CaptureMode::FixedLens => Some(growth < 0.0),
         CaptureMode::MovingLens => Some(growth > 0.0),
+        CaptureMode::LensAlone => Some((growth > 0.0) == (profile.magnification? > 1.0)),
     }
 }
 

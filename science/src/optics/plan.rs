@@ -1,7 +1,6 @@
 //! The capture plan: how many slices an object needs, and where the rail stops for each.
 //!
-//! Thin lens of focal length `f`, f-number `N` and pupil ratio `P`; magnification `M`, object distance
-//! `d1 = f (1 + 1/M)`, image distance `d2 = f (1 + M)`; effective f-number `N_eff = N (1 + M/P)`; circle of confusion
+//! The lens is that of [`crate::types::lens`], with f-number `N` and effective f-number `N_eff`; circle of confusion
 //! `c`; wavelength `lambda`.
 //!
 //! | quantity | formula | source |
@@ -11,11 +10,6 @@
 //! | wave-optical depth of focus | `4 lambda N_eff^2` | `lambda / NA'^2` with `NA' = 1 / (2 N_eff)`, on the side of the sensor |
 //! | wave-optical depth of field | `4 lambda N_eff^2 / M^2` | `lambda / NA^2` with `NA = M / (2 N_eff)`, on the side of the object |
 //! | diameter of the Airy disc | `2.44 lambda N_eff` | |
-//!
-//! With a pupil ratio `P` the centre of projection is the entrance pupil, `f (1/M + 1/P)` before the plane in focus,
-//! and light comes from the exit pupil. The pinhole camera of a slice has the principal distance `f (1 + M/P)`; the
-//! image of a fixed lens grows with `M + P`; light per pixel falls with `N_eff^2`; and a point whose image is at `d2'`
-//! has on a sensor at `d2` the blur diameter `|d2 - d2'| / N_eff'`.
 //!
 //! The step is `1 - overlap` times the smaller of the geometric and the wave-optical depth: with a moving lens of the
 //! depth of field, with a fixed lens of the depth of focus, because there the sensor moves. Of a stack, the slice with
@@ -69,13 +63,13 @@ pub fn plan(input: &PlanInput) -> Result<CapturePlan, Error> {
     let reference = path.reference(&rail, &lens, magnification);
     let slices: Vec<PlannedSlice> = (0..rail.len()).map(|i| path.slice(&rail, i, reference, &lens)).collect();
     let reference_magnification = path.magnification(rail[reference], &lens);
-    let principal_distance = lens.principal_distance(reference_magnification);
+    let principal_distance = lens.at(reference_magnification).principal_distance();
     let effective = lens.effective_f_number(magnification);
     let size = input.image_width.zip(input.image_height);
     let mut plan = CapturePlan {
         magnification,
         reference_magnification,
-        object_distance_mm: lens.object_distance(magnification),
+        object_distance_mm: lens.at(magnification).object_distance(),
         principal_distance_mm: principal_distance,
         principal_distance_px: principal_distance / lens.pixel,
         effective_f_number: effective,
@@ -93,7 +87,7 @@ pub fn plan(input: &PlanInput) -> Result<CapturePlan, Error> {
         rail_positions_mm: rail,
         common_field: match input.mode {
             CaptureMode::FixedLens => Some(slices.iter().map(|slice| slice.scale).fold(1.0, f64::min)),
-            CaptureMode::MovingLens => None,
+            CaptureMode::MovingLens | CaptureMode::LensAlone => None,
         },
         slices,
         warnings: Vec::new(),

@@ -1,14 +1,13 @@
-//! The camera on its rail: thin lens, sensor, and their imperfections.
+//! The camera on its rail: a lens with two pupils, a sensor, and their imperfections.
 
 use nalgebra::Matrix3;
 
 use super::noise::{between, key};
 use crate::imaging::Depth;
-use crate::types::Homography;
-use crate::types::profile::CaptureMode;
+use crate::types::{Homography, lens::Lens, profile::CaptureMode};
 
-/// A thin lens, a sensor and a rail. All lengths in mm, all image coordinates in px with the centre of the
-/// top-left pixel at (0, 0).
+/// A lens, a sensor and a rail; the formulas are those of [`Lens`]. All lengths in mm, all image coordinates in px with
+/// the centre of the top-left pixel at (0, 0).
 ///
 /// Depth is a *fraction* 0..1: depth 0 is in focus in the first slice, depth 1 in the last, and the rail position is
 /// linear between them. In the rigs of [`Rig::sized`], [`Rig::moving_lens`] and `scan_rig`
@@ -19,7 +18,9 @@ pub struct Rig {
     pub mode: CaptureMode,
     /// Focal length f.
     pub focal_mm: f64,
-    /// f-number N: the aperture is f / N wide.
+    /// Pupil ratio P: diameter of the exit pupil over that of the entrance pupil.
+    pub pupil_ratio: f64,
+    /// f-number N: the entrance pupil is f / N wide.
     pub f_number: f64,
     /// Distance of neighbouring pixels on the sensor.
     pub pixel_pitch_mm: f64,
@@ -27,11 +28,12 @@ pub struct Rig {
     pub width: usize,
     /// Image height in px.
     pub height: usize,
-    /// Magnification M of what is in focus in the reference slice: d2 = f (1 + M), d1 = d2 / M.
+    /// Magnification M of what is in focus in the reference slice.
     pub magnification: f64,
-    /// One per slice, at least one, strictly rising or falling. Fixed lens: sensor offset, d2 of slice i is
-    /// d2 of the reference + `rail_mm[i] - rail_mm[reference]`, positive away from the lens (the opposite of
-    /// `ProfileInput::rail_positions_mm`). Moving lens: advance of the camera towards the object.
+    /// One per slice, at least one, strictly rising or falling. Fixed lens: sensor offset, d2 of slice i is d2 of the
+    /// reference + `rail_mm[i] - rail_mm[reference]`, positive away from the lens (the opposite of
+    /// `ProfileInput::rail_positions_mm`). Moving lens: advance of the camera towards the object. Lens alone: advance
+    /// of the lens towards the object; not at a magnification of 1, where the plane in focus does not move.
     pub rail_mm: Vec<f64>,
     /// Index of the reference slice.
     pub reference: usize,
@@ -89,6 +91,7 @@ impl Rig {
         Self {
             mode: CaptureMode::FixedLens,
             focal_mm,
+            pupil_ratio: 1.0,
             f_number: focal_mm / aperture_mm,
             pixel_pitch_mm,
             width,
@@ -150,37 +153,54 @@ impl Rig {
         [(self.width as f64 - 1.0) / 2.0, (self.height as f64 - 1.0) / 2.0]
     }
 
-    /// Distance from lens to sensor in slice `i`.
-    ///
-    /// # Panics
-    /// With a fixed lens, when there is no slice `i`.
-    pub fn sensor_distance(&self, i: usize) -> f64 {
-        let reference = self.focal_mm * (1.0 + self.magnification);
+    /// The lens, focused as in the reference slice.
+    pub fn lens(&self) -> Lens {
+        Lens { focal_mm: self.focal_mm, magnification: self.magnification, pupil_ratio: self.pupil_ratio }
+    }
+
+    /// How far the sensor is from the lens in slice `i`, beyond its distance in the reference slice.
+    fn sensor_offset(&self, rail: f64) -> f64 {
         match self.mode {
-            CaptureMode::FixedLens => reference + self.rail_mm[i] - self.rail_mm[self.reference],
-            CaptureMode::MovingLens => reference,
+            CaptureMode::FixedLens | CaptureMode::LensAlone => rail,
+            CaptureMode::MovingLens => 0.0,
         }
     }
 
-    /// Distance from the lens of the object at depth `fraction`, with the rail at the reference.
+    /// Principal distance of slice `i`.
+    ///
+    /// # Panics
+    /// When there is no slice `i`.
+    pub fn principal_distance(&self, i: usize) -> f64 {
+        self.lens().with_sensor_moved(self.sensor_offset(self.advance(i))).principal_distance()
+    }
+
+    /// Distance from the centre of projection, the entrance pupil, of the object at depth `fraction`, with the rail at
+    /// the reference.
     pub fn object_distance(&self, fraction: f64) -> f64 {
         let last = self.rail_mm.len() - 1;
         let rail = self.rail_mm[0] + fraction * (self.rail_mm[last] - self.rail_mm[0]) - self.rail_mm[self.reference];
-        let d2 = self.focal_mm * (1.0 + self.magnification);
-        match self.mode {
-            CaptureMode::FixedLens => self.conjugate(d2 + rail),
-            CaptureMode::MovingLens => self.conjugate(d2) + rail,
-        }
+        let lens = self.lens();
+        let focused = lens.with_sensor_moved(self.sensor_offset(rail));
+        let moved = if self.mode == CaptureMode::FixedLens { 0.0 } else { rail };
+        focused.object_distance() + moved - lens.entrance_pupil_position()
     }
 
-    /// Depth fraction of what is `distance` mm from the lens with the rail at the reference: the inverse of
-    /// [`Rig::object_distance`]. It is below 0 or above 1 for what no slice has in focus, and 0 in a rig of one slice.
+    /// Depth fraction of what is `distance` mm from the centre of projection with the rail at the reference: the
+    /// inverse of [`Rig::object_distance`]. It is below 0 or above 1 for what no slice has in focus, and 0 in a rig of
+    /// one slice.
     pub fn depth_of(&self, distance: f64) -> f64 {
         let (first, last) = (self.rail_mm[0], self.rail_mm[self.rail_mm.len() - 1]);
-        let d2 = self.focal_mm * (1.0 + self.magnification);
+        let lens = self.lens();
+        let distance = distance + lens.entrance_pupil_position();
         let rail = match self.mode {
-            CaptureMode::FixedLens => self.conjugate(distance) - d2,
-            CaptureMode::MovingLens => distance - self.conjugate(d2),
+            CaptureMode::FixedLens => lens.conjugate(distance) - lens.image_distance(),
+            CaptureMode::MovingLens => distance - lens.object_distance(),
+            CaptureMode::LensAlone => {
+                // the lens between object and sensor, which keep their distance: d2^2 - d2 (d1 + d2) + f (d1 + d2) = 0
+                let whole = distance + lens.image_distance();
+                let root = (whole * (whole - 4.0 * lens.focal_mm)).max(0.0).sqrt();
+                (whole + if lens.magnification > 1.0 { root } else { -root }) / 2.0 - lens.image_distance()
+            }
         };
         if first == last { 0.0 } else { (rail + self.rail_mm[self.reference] - first) / (last - first) }
     }
@@ -202,34 +222,29 @@ impl Rig {
         below as f64 + (fraction - from) / (to - from)
     }
 
-    /// The other conjugate distance of the thin lens: 1/f = 1/d1 + 1/d2.
-    fn conjugate(&self, distance: f64) -> f64 {
-        self.focal_mm * distance / (distance - self.focal_mm)
-    }
-
-    /// Radius in px of the circle of confusion of depth `fraction` in slice `i`: half of
-    /// `phi_a |d2_i - d2_object| / d2_object`.
+    /// Radius in px of the circle of confusion of depth `fraction` in slice `i`.
     pub fn blur_radius_px(&self, i: usize, fraction: f64) -> f64 {
         self.blur_radius_of(i, self.object_distance(fraction))
     }
 
-    /// The same for an object `distance` mm from the lens with the rail at the reference.
+    /// The same for an object `distance` mm from the centre of projection with the rail at the reference.
     pub(super) fn blur_radius_of(&self, i: usize, distance: f64) -> f64 {
-        let object = self.distance_in(i, distance);
-        let d2_object = self.conjugate(object);
-        let diameter = self.aperture_mm() * (self.sensor_distance(i) - d2_object).abs() / d2_object;
-        diameter / 2.0 / self.pixel_pitch_mm
+        let lens = self.lens();
+        let object = self.distance_in(i, distance) + lens.entrance_pupil_position();
+        let image = lens.image_distance() + self.sensor_offset(self.advance(i));
+        lens.blur(image, object, self.f_number) / 2.0 / self.pixel_pitch_mm
     }
 
-    /// Distance from the lens in slice `i` of what is `distance` mm away when the rail is at the reference.
+    /// Distance from the centre of projection in slice `i` of what is `distance` mm away with the rail at the
+    /// reference.
     pub(super) fn distance_in(&self, i: usize, distance: f64) -> f64 {
         match self.mode {
             CaptureMode::FixedLens => distance,
-            CaptureMode::MovingLens => distance - self.advance(i),
+            CaptureMode::MovingLens | CaptureMode::LensAlone => distance - self.advance(i),
         }
     }
 
-    /// How much nearer to the object the camera is in slice `i` than in the reference slice.
+    /// Rail position of slice `i` relative to the reference slice.
     fn advance(&self, i: usize) -> f64 {
         self.rail_mm[i] - self.rail_mm[self.reference]
     }
@@ -237,13 +252,9 @@ impl Rig {
     /// Scale of the image at depth `fraction` in slice `i` relative to that in the reference slice. The same for
     /// every depth when the lens is fixed; different by parallax when it moves.
     pub fn scale(&self, i: usize, fraction: f64) -> f64 {
-        match self.mode {
-            CaptureMode::FixedLens => self.sensor_distance(i) / self.sensor_distance(self.reference),
-            CaptureMode::MovingLens => {
-                let distance = self.object_distance(fraction);
-                distance / (distance - self.advance(i))
-            }
-        }
+        let distance = self.object_distance(fraction);
+        let sensor = self.principal_distance(i) / self.principal_distance(self.reference);
+        sensor * distance / self.distance_in(i, distance)
     }
 
     /// The truth for slice `i`: slice px -> reference px. Exact for every depth with a fixed lens; with a
@@ -284,12 +295,13 @@ impl Rig {
         shifting([cx + shift[0], cy + shift[1]]) * inner * shifting([-cx, -cy])
     }
 
-    /// Light per pixel in slice `i`, 1 in the reference: it falls with the square of the sensor distance.
+    /// Light per pixel in slice `i`, 1 in the reference: it falls with the square of the distance from the exit pupil
+    /// to the sensor, and so of the principal distance.
     pub fn exposure(&self, i: usize) -> f64 {
         if !self.exposure_falls {
             return 1.0;
         }
-        (self.sensor_distance(self.reference) / self.sensor_distance(i)).powi(2)
+        (self.principal_distance(self.reference) / self.principal_distance(i)).powi(2)
     }
 
     /// The truth for slice `i`: multiply its values by this to match the reference.

@@ -76,9 +76,24 @@ pub struct CalibrationOptions {
     /// Rail step from slice to slice, mm, instead of `rail_positions_mm`; negative for a movement away from the object.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rail_step_mm: Option<f64>,
-    /// Focal length engraved on the lens, mm; used to cross-check the principal distance.
+    /// Focal length of the lens, mm. Where the principal distance is measured, it is checked against that; with a rail
+    /// that moves the sensor it gives a rough value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focal_mm: Option<f64>,
+    /// Pupil ratio: diameter of the exit pupil over that of the entrance pupil. With a rail that moves the sensor it
+    /// gives the principal distance; where that is measured, it is checked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pupil_ratio: Option<f64>,
+    /// A calibration of this rig at the same setting, by its id, with the target nearer to the lens by
+    /// `target_advance_mm`. With it, the principal distance is measured whatever moves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub moved_target: Option<String>,
+    /// How much nearer to the lens the target was in `moved_target`, mm; negative if it was farther.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target_advance_mm: Option<f64>,
+    /// Dot pitch in the reference slice of `moved_target`, px. The service fills it in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub moved_target_pitch_px: Option<f64>,
     /// What moves between slices. A contradiction with the slices is reported as a warning.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub capture_mode: Option<CaptureMode>,

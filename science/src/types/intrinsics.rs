@@ -11,8 +11,11 @@ use super::{distortion::Distortion, profile::ProfileInput};
 pub struct Intrinsics {
     /// `principal_distance_mm / pixel_pitch_mm`, which photogrammetry programs call the focal length in px.
     pub principal_distance_px: f64,
-    /// Distance from the centre of projection to the sensor, mm.
+    /// Principal distance of the profile, mm.
     pub principal_distance_mm: f64,
+    /// Its standard deviation, mm; null when the profile does not state it.
+    #[serde(default)]
+    pub principal_distance_sigma_mm: Option<f64>,
     /// Size of one pixel of the image on the sensor, mm.
     pub pixel_pitch_mm: f64,
     /// Intersection of the optical axis with the image, `[x, y]` px, after the crop. The centre of the top-left pixel
@@ -56,6 +59,7 @@ impl Intrinsics {
         Some(Self {
             principal_distance_px,
             principal_distance_mm: profile.principal_distance_mm?,
+            principal_distance_sigma_mm: profile.pupils.principal_distance_sigma_mm,
             pixel_pitch_mm: profile.pixel_pitch_mm?,
             principal_point_px: profile.principal_point_px.map(|point| [point[0] - x, point[1] - y]),
             distortion: profile.distortion.as_ref().map(|d| ImageDistortion::of(d, principal_distance_px, [x, y])),

@@ -6,7 +6,11 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{
-    Error, ErrorKind, Homography, distortion::Distortion, error::ErrorLocation, lateral_colour::LateralColour,
+    Error, ErrorKind, Homography,
+    distortion::Distortion,
+    error::ErrorLocation,
+    lateral_colour::LateralColour,
+    pupils::{PrincipalDistanceSource, Pupils},
 };
 
 /// What moves between slices.
@@ -17,6 +21,8 @@ pub enum CaptureMode {
     FixedLens,
     /// Camera and lens move together, and with them the centre of projection.
     MovingLens,
+    /// The lens moves alone, and the camera body is fixed.
+    LensAlone,
 }
 
 /// The transform model of the homographies of a profile.
@@ -65,10 +71,17 @@ pub struct ProfileInput {
     /// What moves between slices.
     #[serde(default)]
     pub capture_mode: Option<CaptureMode>,
-    /// Distance from the lens to the sensor in the reference slice, mm: the focal length of the pinhole camera of the
-    /// fused image, 0.1 to 100,000. In macro photography it differs much from the focal length engraved on the lens.
+    /// Principal distance of the pinhole camera of the fused image, mm, 0.1 to 100,000; photogrammetry programs call it
+    /// the focal length. It is `f (1 + M / P)` with focal length `f`, `magnification` M and `pupil_ratio` P: in macro
+    /// photography neither the focal length engraved on the lens nor the distance from the lens to the sensor.
     #[serde(default)]
     pub principal_distance_mm: Option<f64>,
+    /// What the principal distance is known from; null when it was not stated.
+    #[serde(default)]
+    pub principal_distance_source: Option<PrincipalDistanceSource>,
+    /// What is known of the two pupils of the lens.
+    #[serde(flatten)]
+    pub pupils: Pupils,
     /// Intersection of the optical axis with the reference slice, `[x, y]` px.
     #[serde(default)]
     pub principal_point_px: Option<[f64; 2]>,
@@ -186,11 +199,11 @@ impl ProfileInput {
         {
             found.add("/pixel_pitch_mm", format!("pixel_pitch_mm is {pitch}; it must be 0.00001 to 1"));
         }
-        if let Some(distance) = self.principal_distance_mm
-            && !(0.1..=100_000.0).contains(&distance)
-        {
-            let detail = format!("principal_distance_mm is {distance}; it must be 0.1 to 100000");
-            found.add("/principal_distance_mm", detail);
+        let distance = ("principal_distance_mm", self.principal_distance_mm, [0.1, 1e5]);
+        for (name, value, [least, most]) in [distance].into_iter().chain(self.pupils.numbers()) {
+            if let Some(value) = value.filter(|value| !(least..=most).contains(value)) {
+                found.add(format!("/{name}"), format!("{name} is {value}; it must be {least} to {most}"));
+            }
         }
         if let Some(point) = self.principal_point_px {
             let size = [f64::from(self.image_width), f64::from(self.image_height)];

@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use super::{
     Warning,
     profile::{CaptureMode, HomographyModel},
+    pupils::{PrincipalDistanceSource, Pupils},
 };
 
 /// The full result of a calibration. Stored with its results; the HTML report is drawn from it.
@@ -146,12 +147,19 @@ pub struct RailReport {
 /// The camera as a pinhole, in the terms of photogrammetry.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CameraReport {
-    /// Principal distance: lens to sensor in the reference slice, mm.
+    /// Principal distance of the reference slice, mm; null where the numbers do not tell it.
     pub principal_distance_mm: Option<f64>,
-    /// The same in px; photogrammetry calls it the focal length.
+    /// The same in px; photogrammetry programs call it the focal length.
     pub principal_distance_px: Option<f64>,
-    /// The principal distance from an independent source (target pitch instead of rail), mm, for comparison.
-    pub cross_check_mm: Option<f64>,
+    /// What the principal distance is known from.
+    #[serde(default)]
+    pub source: PrincipalDistanceSource,
+    /// What is known of the two pupils of the lens.
+    #[serde(flatten)]
+    pub pupils: Pupils,
+    /// The focal length that follows from the two pupils, mm; null unless both were measured.
+    #[serde(default)]
+    pub measured_focal_mm: Option<f64>,
     /// Where the optical axis meets the reference slice, `[x, y]` px. Always null at present: the rail tells it only
     /// together with its own tilt, which is unknown.
     pub principal_point_px: Option<[f64; 2]>,

@@ -1,9 +1,11 @@
 //! Profiles computed from rig parameters, without images.
 //!
-//! - Fixed lens: the sensor moves. The image scale is proportional to the distance from lens to sensor, so one scale
-//!   per slice is exact for every depth.
-//! - Moving lens: the camera approaches the object, and near parts grow faster than far parts. The scale is exact for a
-//!   plane that is in focus in the reference slice; other depths keep their parallax.
+//! - Fixed lens: the sensor moves. The image scale is proportional to the distance from the exit pupil to the sensor,
+//!   so one scale per slice is exact for every depth.
+//! - Moving lens, and lens alone: the entrance pupil approaches the object, and near parts grow faster than far parts.
+//!   The scale is exact for a plane that is in focus in the reference slice; other depths keep their parallax.
+//!
+//! The formulas are those of [`Lens`].
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -11,15 +13,17 @@ use utoipa::ToSchema;
 use super::{
     Error, ErrorKind, Homography,
     error::ErrorLocation,
+    lens::Lens,
     profile::{CaptureMode, MAX_SLICES, ProfileInput, rail_violation, reference_beyond},
+    pupils::{PrincipalDistanceSource, Pupils},
 };
 
 /// Source of the gains.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GainLaw {
-    /// From the optics. Fixed lens: light falls with the square of the distance from lens to sensor. Moving lens: that
-    /// distance is constant, and so is the light.
+    /// From the optics: light falls with the square of the distance from the exit pupil to the sensor. With a moving
+    /// lens that distance is constant, and so is the light.
     #[default]
     Optics,
     /// All gains are 1: the slices are equally bright already.
@@ -47,11 +51,16 @@ pub struct RigParameters {
     pub focal_mm: f64,
     /// Magnification M: image size over object size of what is in focus in the reference slice, 0.0001 to 1000.
     pub magnification: f64,
+    /// Pupil ratio P of the lens: diameter of the exit pupil over that of the entrance pupil, 0.05 to 20. Default: 1 is
+    /// assumed, with a warning; few macro lenses have that.
+    #[serde(default)]
+    pub pupil_ratio: Option<f64>,
     /// Size of one pixel of the uploaded slices, mm; larger than the camera's own when the slices were reduced.
     #[serde(default)]
     pub pixel_pitch_mm: Option<f64>,
     /// Rail position per slice, mm, strictly increasing or decreasing, counted towards the object: it increases when
-    /// the sensor approaches the lens (`fixed_lens`), or when camera and lens approach the object (`moving_lens`).
+    /// the sensor approaches the lens (`fixed_lens`), or when camera and lens (`moving_lens`) or the lens alone
+    /// (`lens_alone`) approach the object.
     #[serde(default)]
     pub rail_positions_mm: Option<Vec<f64>>,
     /// Instead of the positions: the rail step from slice to slice, mm, with the same sign; -1000 to 1000, and not 0.
@@ -95,9 +104,10 @@ impl RigParameters {
         let centre = [(f64::from(self.image_width) - 1.0) / 2.0, (f64::from(self.image_height) - 1.0) / 2.0];
         let point = self.principal_point_px.unwrap_or(centre);
         let homographies = along.iter().map(|&dz| self.homography(point, dz)).collect();
+        let lens = self.lens();
         let gains = match (self.gains, self.capture_mode) {
-            (GainLaw::Optics, CaptureMode::FixedLens) => {
-                Some(along.iter().map(|&dz| (1.0 - dz / self.sensor_distance()).powi(2)).collect())
+            (GainLaw::Optics, CaptureMode::FixedLens | CaptureMode::LensAlone) => {
+                Some(along.iter().map(|&dz| 1.0 / lens.light(self.capture_mode, dz)).collect())
             }
             (GainLaw::Optics, CaptureMode::MovingLens) | (GainLaw::None, _) => None,
         };
@@ -110,7 +120,17 @@ impl RigParameters {
             gains,
             pixel_pitch_mm: self.pixel_pitch_mm,
             capture_mode: Some(self.capture_mode),
-            principal_distance_mm: Some(self.sensor_distance()),
+            principal_distance_mm: Some(lens.principal_distance()),
+            principal_distance_source: Some(match self.pupil_ratio {
+                Some(_) => PrincipalDistanceSource::PupilRatio,
+                None => PrincipalDistanceSource::FocalLength,
+            }),
+            pupils: Pupils {
+                exit_pupil_distance_mm: Some(lens.exit_pupil_distance()),
+                entrance_pupil_distance_mm: Some(lens.entrance_pupil_distance()),
+                pupil_ratio: Some(lens.pupil_ratio),
+                ..Pupils::default()
+            },
             principal_point_px: Some(point),
             magnification: Some(self.magnification),
             note: self.note.clone(),
@@ -142,23 +162,15 @@ impl RigParameters {
         if self.rail_positions_mm.is_some() { "/rail_positions_mm" } else { "/rail_step_mm" }
     }
 
-    /// Distance from lens to sensor in the reference slice, mm: `d2 = f (1 + M)`.
-    pub fn sensor_distance(&self) -> f64 {
-        self.focal_mm * (1.0 + self.magnification)
+    /// The lens, focused as in the reference slice.
+    pub fn lens(&self) -> Lens {
+        let (focal_mm, magnification) = (self.focal_mm, self.magnification);
+        Lens { focal_mm, magnification, pupil_ratio: self.pupil_ratio.unwrap_or(1.0) }
     }
 
-    /// Distance from lens to the plane in focus in the reference slice, mm: `d1 = f (1 + 1/M)`.
-    pub fn object_distance(&self) -> f64 {
-        self.focal_mm * (1.0 + 1.0 / self.magnification)
-    }
-
-    /// Scale from a slice to the reference slice; `dz` is its rail position relative to the reference slice, mm. Fixed
-    /// lens: `d2 / (d2 - dz)`; moving lens: `(d1 - dz) / d1`.
+    /// Scale from a slice to the reference slice; `dz` is its rail position relative to the reference slice, mm.
     pub fn scale(&self, dz: f64) -> f64 {
-        match self.capture_mode {
-            CaptureMode::FixedLens => self.sensor_distance() / (self.sensor_distance() - dz),
-            CaptureMode::MovingLens => (self.object_distance() - dz) / self.object_distance(),
-        }
+        1.0 / self.lens().size(self.capture_mode, dz)
     }
 
     /// The homography of a slice at `dz` mm from the reference slice: scales about the principal point, and moves it
@@ -215,19 +227,22 @@ impl RigParameters {
     }
 
     fn check_numbers(&self) -> Result<(), Error> {
-        let ranges = [("focal_mm", self.focal_mm, 0.1, 10_000.0), ("magnification", self.magnification, 1e-4, 1e3)];
+        let ranges = [
+            ("focal_mm", self.focal_mm, 0.1, 10_000.0),
+            ("magnification", self.magnification, 1e-4, 1e3),
+            ("pupil_ratio", self.lens().pupil_ratio, 0.05, 20.0),
+        ];
         for (name, value, least, most) in ranges {
             if !(least..=most).contains(&value) {
                 let detail = format!("{name} is {value}; it must be {least} to {most}");
                 return Err(at(&format!("/{name}"), detail, None));
             }
         }
-        if self.sensor_distance() > 100_000.0 {
+        let distance = self.lens().principal_distance().max(self.lens().exit_pupil_distance());
+        if distance > 100_000.0 {
             let detail = format!(
-                "focal_mm {} and magnification {} put the sensor {} mm from the lens; the limit is 100000 mm",
-                self.focal_mm,
-                self.magnification,
-                self.sensor_distance()
+                "focal_mm {} and magnification {} put the sensor {distance} mm from the lens; the limit is 100000 mm",
+                self.focal_mm, self.magnification,
             );
             return Err(at("/magnification", detail, None));
         }
@@ -240,25 +255,28 @@ impl RigParameters {
 
     /// Refuses positions at which nothing can be in focus, which are mostly caused by a wrong sign.
     fn check_reach(&self, along: &[f64]) -> Result<(), Error> {
+        let lens = self.lens();
+        let object = lens.object_distance().min(lens.entrance_pupil_distance());
         for (i, &dz) in along.iter().enumerate() {
-            let (distance, least) = match self.capture_mode {
-                CaptureMode::FixedLens => (self.sensor_distance() - dz, self.focal_mm),
-                CaptureMode::MovingLens => (self.object_distance() - dz, 0.0),
+            let (towards_lens, towards_object) = match self.capture_mode {
+                CaptureMode::FixedLens => (dz, 0.0),
+                CaptureMode::MovingLens => (0.0, dz),
+                CaptureMode::LensAlone => (-dz, dz),
             };
-            if distance > least {
+            let (sensor, focal) = (lens.image_distance() - towards_lens, self.focal_mm);
+            let detail = if sensor <= focal {
+                format!(
+                    "in slice {i} the sensor would be {sensor:.2} mm from the lens, closer than the focal length of \
+                     {focal} mm, where nothing is in focus; check the sign of the rail (positive: towards the object) and \
+                     the magnification"
+                )
+            } else if towards_object >= object {
+                format!(
+                    "in slice {i} the lens would have moved {dz:.2} mm towards an object that is {object:.2} mm away; check \
+                     the positions of the rail (positive: towards the object) and the magnification"
+                )
+            } else {
                 continue;
-            }
-            let detail = match self.capture_mode {
-                CaptureMode::FixedLens => format!(
-                    "in slice {i} the sensor would be {distance:.2} mm from the lens, closer than the focal length of \
-                     {least} mm, where nothing is in focus; check the sign of the rail (positive: towards the object, and so towards the \
-                     lens) and the magnification"
-                ),
-                CaptureMode::MovingLens => format!(
-                    "in slice {i} the lens would have moved {dz:.2} mm towards an object that is {:.2} mm away; check the \
-                     positions of the rail (positive: towards the object) and the magnification",
-                    self.object_distance()
-                ),
             };
             return Err(at(self.rail_pointer(), detail, u32::try_from(i).ok()));
         }

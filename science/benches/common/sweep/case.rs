@@ -43,6 +43,8 @@ pub struct Case {
     /// Depth of the target as a fraction of the stack; 0.5 is the reference slice's.
     pub focus: f64,
     pub asymmetric: bool,
+    /// Pupil ratio of the lens.
+    pub pupil_ratio: f64,
     pub seed: u64,
 }
 
@@ -69,6 +71,7 @@ impl Case {
             exposure_falls: true,
             focus: 0.5,
             asymmetric: false,
+            pupil_ratio: 1.0,
             seed,
         }
     }
@@ -96,6 +99,7 @@ impl Case {
             (!self.exposure_falls, "even-exposure"),
             (self.focus != 0.5, "focus-elsewhere"),
             (self.asymmetric, "asymmetric"),
+            (self.pupil_ratio != 1.0, "pupils"),
         ];
         words.extend(odd.into_iter().filter(|word| word.0).map(|word| word.1.to_owned()));
         words.push(format!("seed {}", self.seed));
@@ -106,6 +110,7 @@ impl Case {
     pub fn build(&self) -> (Rig, DotTarget) {
         let plain = Rig::sized(self.size[0], self.size[1], self.slices);
         let mut rig = Rig {
+            pupil_ratio: self.pupil_ratio,
             noise: self.noise,
             vignetting: self.vignetting,
             drift_px: plain.drift_px.map(|px| px * self.motion),
@@ -187,7 +192,7 @@ impl Case {
 type Change = fn(&mut Case);
 
 /// Each factor alone.
-const CHANGES: [(&str, Change); 31] = [
+const CHANGES: [(&str, Change); 33] = [
     ("typical", |_| {}),
     ("blur 0.15", |c| c.blur = 0.15),
     ("blur 0.3", |c| c.blur = 0.3),
@@ -217,6 +222,8 @@ const CHANGES: [(&str, Change); 31] = [
     ("large dots", |c| c.fill = 0.6),
     ("focus elsewhere", |c| c.focus = 0.2),
     ("asymmetric", |c| c.asymmetric = true),
+    ("pupil ratio 0.6", |c| c.pupil_ratio = 0.6),
+    ("pupil ratio 1.8", |c| c.pupil_ratio = 1.8),
     ("13 slices", |c| c.slices = 13),
     ("1500 x 1000", |c| {
         c.size = [1500, 1000];
@@ -260,6 +267,7 @@ fn random_case(index: usize, seed: u64, draw: &mut Draw) -> Case {
         exposure_falls: draw.chance(0.8),
         focus: draw.of(&[0.5, 0.5, 0.25, 0.7]),
         asymmetric: false,
+        pupil_ratio: draw.of(&[0.6, 1.0, 1.8]),
         seed: seed + 100 + index as u64,
     }
 }

@@ -12,8 +12,8 @@
 //! | pixel pitch | none | none | of the output's pixels | kept |
 //! | neither | none | none | as the camera wrote it | kept |
 //!
-//! - The focal length engraved on a macro lens is not its principal distance `f (1 + M)`. Programs trust the tag, so a
-//!   wrong one is worse than none.
+//! - The focal length engraved on a macro lens is not its principal distance (see [`crate::types::lens`]). Programs
+//!   trust the tag, so a wrong one is worse than none.
 //! - `FocalLengthIn35mmFilm` is an integer, which alone is an error of up to 0.5 %, and its definition differs: COLMAP
 //!   3.8 takes `tag / 35 * longer side`, COLMAP 4 and AliceVision `tag / 43.27 * diagonal`. No value is right in both.
 //! - COLMAP 3.8 looks up the sensor's width by `Make` and `Model` before it reads the focal plane resolution. The width
@@ -29,7 +29,7 @@ use super::{
 /// Camera data of an output, and the program that wrote it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OutputCamera<'a> {
-    /// Distance from the centre of projection to the sensor, mm.
+    /// Principal distance, mm.
     pub principal_distance_mm: Option<f64>,
     /// Size of one pixel of the picture on the sensor, mm.
     pub pixel_pitch_mm: Option<f64>,

@@ -14,8 +14,7 @@ pub struct CapturePlan {
     pub reference_magnification: f64,
     /// Distance from the lens to the middle of the object, mm.
     pub object_distance_mm: f64,
-    /// Distance from the centre of projection to the image in the reference slice, mm: `principal_distance_mm` of a
-    /// profile.
+    /// Principal distance of the reference slice, mm: `principal_distance_mm` of a profile.
     pub principal_distance_mm: f64,
     /// The same in px.
     pub principal_distance_px: f64,

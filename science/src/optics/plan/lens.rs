@@ -1,6 +1,8 @@
-//! The lens of a plan. Lengths in mm.
+//! The lens of a plan with its f-number and the sensor; the formulas are those of [`crate::types::lens`]. Lengths in
+//! mm.
 
 use super::{capture_plan::DepthRange, input::PlanInput};
+use crate::types::lens::Lens as Model;
 
 /// Circle of confusion without `coc_um`, pixels.
 const COC_PX: f64 = 2.5;
@@ -9,7 +11,6 @@ const COC_PX: f64 = 2.5;
 pub(super) struct Lens {
     pub(super) focal: f64,
     f_number: f64,
-    /// Diameter of the exit pupil over that of the entrance pupil.
     pupil_ratio: f64,
     pub(super) wavelength: f64,
     pub(super) coc: f64,
@@ -29,8 +30,13 @@ impl Lens {
         }
     }
 
+    /// The lens focused at a magnification.
+    pub(super) fn at(&self, magnification: f64) -> Model {
+        Model { focal_mm: self.focal, magnification, pupil_ratio: self.pupil_ratio }
+    }
+
     pub(super) fn effective_f_number(&self, magnification: f64) -> f64 {
-        self.f_number * (1.0 + magnification / self.pupil_ratio)
+        self.at(magnification).effective_f_number(self.f_number)
     }
 
     pub(super) fn depth_of_focus(&self, magnification: f64) -> DepthRange {
@@ -44,36 +50,8 @@ impl Lens {
         DepthRange::of(geometric / square, wave / square)
     }
 
-    /// Distance from the lens to the plane in focus: `f (1 + 1/M)`.
-    pub(super) fn object_distance(&self, magnification: f64) -> f64 {
-        self.focal * (1.0 + 1.0 / magnification)
-    }
-
-    /// Distance from the entrance pupil, the centre of projection, to the plane in focus: `f (1/M + 1/P)`.
-    pub(super) fn pupil_distance(&self, magnification: f64) -> f64 {
-        self.focal * (1.0 / magnification + 1.0 / self.pupil_ratio)
-    }
-
-    /// Principal distance of the pinhole camera: `f (1 + M/P)`.
-    pub(super) fn principal_distance(&self, magnification: f64) -> f64 {
-        self.focal * (1.0 + magnification / self.pupil_ratio)
-    }
-
-    /// The other conjugate distance.
-    pub(super) fn conjugate(&self, distance: f64) -> f64 {
-        self.focal * distance / (distance - self.focal)
-    }
-
-    /// Size of the image of a fixed lens at one magnification over that at another: `(M + P) / (M' + P)`.
-    pub(super) fn growth(&self, magnification: f64, other: f64) -> f64 {
-        (magnification + self.pupil_ratio) / (other + self.pupil_ratio)
-    }
-
-    /// Blur diameter of a point `distance` from the lens on a sensor at `image_distance`:
-    /// `|d2 - d2'| / N_eff'` with `d2' = f s / (s - f)`, free of the pole at `s = f`.
+    /// Blur diameter of a point `distance` from the lens on a sensor at `image_distance`.
     pub(super) fn blur(&self, image_distance: f64, distance: f64) -> f64 {
-        let beyond = distance - self.focal;
-        let from_pupil = beyond + self.focal / self.pupil_ratio;
-        (image_distance * beyond - self.focal * distance).abs() / (self.f_number * from_pupil)
+        self.at(1.0).blur(image_distance, distance, self.f_number)
     }
 }

@@ -34,13 +34,19 @@ impl Path {
     /// `object_depth_mm`: with a fixed lens the nearest point would be within the focal length, with a moving lens the
     /// lens would reach the object.
     pub(super) fn of(input: &PlanInput, lens: &Lens, magnification: f64) -> Result<Self, Error> {
-        let middle = lens.object_distance(magnification);
+        let focused = lens.at(magnification);
+        let middle = focused.object_distance();
         let depth = input.object_depth_mm;
         let share = 1.0 - input.overlap;
         match input.mode {
+            CaptureMode::LensAlone => {
+                let detail = "mode is lens_alone, for which no plan is made: near a magnification of 1 a lens that \
+                              moves alone does not move the plane in focus; move the sensor, or camera and lens";
+                Err(refused("mode", detail.to_owned()))
+            }
             CaptureMode::MovingLens => {
                 // in the last slice the nearest point is nearer by the whole depth
-                let free = FREE * middle.min(lens.pupil_distance(magnification));
+                let free = FREE * middle.min(focused.entrance_pupil_distance());
                 if depth >= free {
                     let detail = format!(
                         "object_depth_mm is {depth}, but only {free:.1} mm are free between the lens (or its entrance \
@@ -64,7 +70,7 @@ impl Path {
                     );
                     return Err(refused("object_depth_mm", detail));
                 }
-                let [nearest, farthest] = [near, far].map(|distance| lens.conjugate(distance));
+                let [nearest, farthest] = [near, far].map(|distance| focused.conjugate(distance));
                 // the smallest magnification has the smallest depth of focus
                 let least = lens.depth_of_focus(farthest / lens.focal - 1.0).least();
                 let movement = Movement::Sensor { nearest };
@@ -83,9 +89,9 @@ impl Path {
 
     /// Index of the slice whose focus is nearest to the middle of the object.
     pub(super) fn reference(&self, rail: &[f64], lens: &Lens, magnification: f64) -> usize {
-        let middle = lens.object_distance(magnification);
+        let middle = lens.at(magnification).object_distance();
         let off = |z: f64| match self.movement {
-            Movement::Sensor { .. } => (lens.object_distance(self.magnification(z, lens)) - middle).abs(),
+            Movement::Sensor { .. } => (lens.at(self.magnification(z, lens)).object_distance() - middle).abs(),
             Movement::Camera { .. } => (z - self.travel / 2.0).abs(),
         };
         (0..rail.len()).min_by(|&a, &b| off(rail[a]).total_cmp(&off(rail[b]))).unwrap_or(0)
@@ -95,18 +101,19 @@ impl Path {
     pub(super) fn slice(&self, rail: &[f64], i: usize, reference: usize, lens: &Lens) -> PlannedSlice {
         let (z, origin) = (rail[i], rail[reference]);
         let [own, of_reference] = [z, origin].map(|rail| self.magnification(rail, lens));
-        let target = lens.object_distance(of_reference);
-        let image_distance = lens.focal * (1.0 + own);
+        let [focused, reference_lens] = [own, of_reference].map(|magnification| lens.at(magnification));
+        let target = reference_lens.object_distance();
+        let image_distance = focused.image_distance();
         let advance = z - origin;
         let (depth_mm, scale, blur) = match self.movement {
             Movement::Sensor { .. } => {
-                let nearest = lens.object_distance(self.magnification(0.0, lens));
-                let depth = lens.object_distance(own) - nearest;
-                (depth, lens.growth(of_reference, own), lens.blur(image_distance, target))
+                let depth = focused.object_distance() - lens.at(self.magnification(0.0, lens)).object_distance();
+                let scale = 1.0 / reference_lens.size(CaptureMode::FixedLens, advance);
+                (depth, scale, lens.blur(image_distance, target))
             }
             Movement::Camera { .. } => {
-                let pupil = lens.pupil_distance(own);
-                (z, (pupil - advance) / pupil, lens.blur(image_distance, target - advance))
+                let scale = 1.0 / focused.size(CaptureMode::MovingLens, advance);
+                (z, scale, lens.blur(image_distance, target - advance))
             }
         };
         PlannedSlice {

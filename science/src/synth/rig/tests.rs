@@ -1,4 +1,4 @@
-//! Optics of the thin lens: blur, distances, homographies and brightness.
+//! Optics of the lens: blur, distances, homographies and brightness.
 
 use super::*;
 
@@ -8,7 +8,7 @@ fn blur_follows_the_aperture_and_the_distance_of_the_image_from_the_sensor() {
     for i in 0..13 {
         for fraction in [0.0, 0.3, 0.77, 1.0] {
             let d2_object = rig.focal_mm * rig.object_distance(fraction) / (rig.object_distance(fraction) - 65.0);
-            let diameter_mm = rig.aperture_mm() * (rig.sensor_distance(i) - d2_object).abs() / d2_object;
+            let diameter_mm = rig.aperture_mm() * (rig.principal_distance(i) - d2_object).abs() / d2_object;
             let expected = diameter_mm / 2.0 / rig.pixel_pitch_mm;
             assert!((rig.blur_radius_px(i, fraction) - expected).abs() < 1e-9);
         }
@@ -63,10 +63,34 @@ fn the_slice_in_focus_is_the_inverse_of_the_depth_in_focus_on_uneven_rails_too()
 }
 
 #[test]
-fn light_falls_with_the_square_of_the_sensor_distance() {
+fn light_falls_with_the_square_of_the_principal_distance() {
     let rig = Rig::sized(320, 240, 5);
-    let ratio = rig.sensor_distance(0) / rig.sensor_distance(rig.reference);
+    let ratio = rig.principal_distance(0) / rig.principal_distance(rig.reference);
     assert!(ratio > 1.02);
     assert!((rig.gain(0) - ratio * ratio).abs() < 1e-12);
     assert_eq!(rig.gain(rig.reference), 1.0);
+}
+
+#[test]
+fn a_lens_with_two_pupils_scales_and_blurs_as_its_formulas_whatever_moves() {
+    for pupil_ratio in [0.6, 1.8] {
+        for (mode, sign) in
+            [(CaptureMode::FixedLens, -1.0), (CaptureMode::MovingLens, 1.0), (CaptureMode::LensAlone, 1.0)]
+        {
+            let rig = Rig { mode, pupil_ratio, magnification: 1.6, ..Rig::sized(320, 240, 5) };
+            let lens = rig.lens();
+            let in_focus = rig.focus_fraction(rig.reference);
+            assert!((rig.object_distance(in_focus) - lens.entrance_pupil_distance()).abs() < 1e-9);
+            for i in 0..5 {
+                let z = sign * (rig.rail_mm[i] - rig.rail_mm[rig.reference]);
+                assert!((rig.scale(i, in_focus) - lens.size(mode, z)).abs() < 1e-12, "{mode:?} {i}");
+                assert!((rig.exposure(i) - lens.light(mode, z)).abs() < 1e-12, "{mode:?} {i}");
+                let fraction = rig.focus_fraction(i);
+                assert!(rig.blur_radius_px(i, fraction) < 1e-9, "slice {i} is in focus at its own depth");
+                assert!((rig.depth_of(rig.object_distance(fraction)) - fraction).abs() < 1e-9, "{mode:?} {i}");
+                let nearer = rig.object_distance(in_focus) - rig.object_distance(fraction);
+                assert!((nearer - lens.focus_shift(mode, z)).abs() < 1e-9, "{mode:?} {i}");
+            }
+        }
+    }
 }

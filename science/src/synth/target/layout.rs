@@ -41,8 +41,8 @@ impl DotTarget {
         printed
     }
 
-    /// Coefficients `[fu, fv, d]`: a point (u, v) grid units from the middle of the grid is `d + fu u + fv v` mm from the
-    /// lens when the rail is at the reference.
+    /// Coefficients `[fu, fv, d]`: a point (u, v) grid units from the middle of the grid is `d + fu u + fv v` mm from
+    /// the centre of projection when the rail is at the reference.
     fn distances(&self, rig: &Rig) -> [f64; 3] {
         let [(sin_x, _), (sin_y, cos_y)] = self.tilt_deg.map(|angle| angle.to_radians().sin_cos());
         let (sin, cos) = self.rotation_deg.to_radians().sin_cos();
@@ -69,8 +69,8 @@ impl DotTarget {
 
     fn parallel(&self, rig: &Rig, i: usize) -> Matrix3<f64> {
         let fraction = self.depth_fraction(rig);
-        let reference_d2 = rig.sensor_distance(rig.reference);
-        let scale = rig.scale(i, fraction) * reference_d2 / rig.object_distance(fraction) / rig.pixel_pitch_mm;
+        let reference = rig.principal_distance(rig.reference);
+        let scale = rig.scale(i, fraction) * reference / rig.object_distance(fraction) / rig.pixel_pitch_mm;
         let (sin, cos) = self.rotation_deg.to_radians().sin_cos();
         let step = scale * self.pitch_mm;
         let [cx, cy] = rig.centre();
@@ -78,7 +78,7 @@ impl DotTarget {
         Matrix3::new(step * cos, -step * sin, middle[0], step * sin, step * cos, middle[1], 0.0, 0.0, 1.0)
     }
 
-    /// The plate as the pinhole in the middle of the lens sees it: the chief rays go through there, so this
+    /// The plate as the pinhole in the entrance pupil sees it: the chief rays go through there, so this
     /// is where the middles of all blurred spots lie.
     fn tilted(&self, rig: &Rig, i: usize) -> Matrix3<f64> {
         let [(sin_x, cos_x), (sin_y, cos_y)] = self.tilt_deg.map(|angle| angle.to_radians().sin_cos());
@@ -89,7 +89,7 @@ impl DotTarget {
         let (u, v) = (turned(cos, sin), turned(-sin, cos));
         let [far_u, far_v, middle] = self.distances(rig);
         let far = [far_u, far_v, rig.distance_in(i, middle)];
-        let scale = rig.sensor_distance(i) / rig.pixel_pitch_mm;
+        let scale = rig.principal_distance(i) / rig.pixel_pitch_mm;
         let [cx, cy] = rig.centre();
         let row = |axis: usize, about: f64| {
             let point = [u[axis], v[axis], self.offset_mm[axis]];

@@ -39,7 +39,7 @@ const TOWARDS_LIGHT: [f64; 3] = [-0.48, -0.6, -0.64];
 pub fn scan_rig(width: usize, slices: usize) -> Rig {
     let base = Rig::sized(width, width * 2 / 3, slices);
     let (focal_mm, middle_mm, half_depth_mm) = (65.0, 141.0, 11.0);
-    let sensor = |distance: f64| focal_mm * distance / (distance - focal_mm);
+    let sensor = |distance: f64| base.lens().conjugate(distance);
     let (first, last) = (sensor(middle_mm - half_depth_mm), sensor(middle_mm + half_depth_mm));
     let steps = slices.saturating_sub(1).max(1) as f64;
     let reference = slices / 2;
@@ -104,15 +104,16 @@ impl<'a> Camera<'a> {
     fn new(rig: &'a Rig, angles: ViewAngles) -> Self {
         let rotation = Matrix3::from_rows(&angles.rotation().map(RowVector3::from));
         let centre = scan_radius(rig) * Vector3::from(angles.direction());
-        Self { rig, rotation, centre, focal_px: rig.sensor_distance(rig.reference) / rig.pixel_pitch_mm }
+        Self { rig, rotation, centre, focal_px: rig.principal_distance(rig.reference) / rig.pixel_pitch_mm }
     }
 
-    /// Distance from the lens along the optical axis, mm.
+    /// Distance from the centre of projection along the optical axis, mm.
     fn depth(&self, point: Vector3<f64>) -> f64 {
         (self.rotation * (point - self.centre)).z
     }
 
-    /// The ray of `px` of the reference picture. Distances along it are distances from the lens along the optical axis.
+    /// The ray of `px` of the reference picture. Distances along it are distances from the centre along the optical
+    /// axis.
     fn ray(&self, px: [f64; 2]) -> Ray {
         let [cx, cy] = self.rig.centre();
         let towards = Vector3::new((px[0] - cx) / self.focal_px, (px[1] - cy) / self.focal_px, 1.0);

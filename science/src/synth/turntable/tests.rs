@@ -36,7 +36,7 @@ fn centroid(mask: &Plane<u8>) -> [f64; 2] {
 #[test]
 fn a_ball_is_seen_where_the_pose_projects_it() {
     let rig = scan_rig(300, 5);
-    let focal_px = rig.sensor_distance(rig.reference) / rig.pixel_pitch_mm;
+    let focal_px = rig.principal_distance(rig.reference) / rig.pixel_pitch_mm;
     let [cx, cy] = rig.centre();
     let centre = [3.0, -4.0, 2.0];
     for (pan, tilt) in [(0.0, 0.0), (75.0, 20.0), (210.0, -15.0), (300.0, 60.0)] {

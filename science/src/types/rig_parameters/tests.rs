@@ -12,6 +12,7 @@ fn macro_rig(capture_mode: CaptureMode) -> RigParameters {
         slice_count: Some(3),
         focal_mm: 65.0,
         magnification: 1.0,
+        pupil_ratio: None,
         pixel_pitch_mm: Some(0.004),
         rail_positions_mm: None,
         rail_step_mm: Some(0.5),
@@ -55,6 +56,38 @@ fn a_sensor_farther_from_the_lens_receives_less_light_and_its_slice_is_brightene
     assert_eq!(gains[1], 1.0);
     assert!((gains[0] - (130.5_f64 / 130.0).powi(2)).abs() < 1e-12 && gains[2] < 1.0, "{gains:?}");
     assert_eq!(RigParameters { gains: GainLaw::None, ..rig }.profile().expect("sound").gains, None);
+}
+
+#[test]
+fn scales_gains_and_the_principal_distance_follow_the_pupil_ratio() {
+    for (pupil_ratio, magnification) in [(0.6, 1.0), (0.6, 2.5), (1.8, 1.0), (1.8, 2.5)] {
+        let lens = Lens { focal_mm: 65.0, magnification, pupil_ratio };
+        let (e, d) = (65.0 * (magnification + pupil_ratio), 65.0 / magnification + 65.0 / pupil_ratio);
+        for (mode, size) in [
+            (CaptureMode::FixedLens, 1.0 - 0.5 / e),
+            (CaptureMode::MovingLens, d / (d - 0.5)),
+            (CaptureMode::LensAlone, (1.0 + 0.5 / e) * d / (d - 0.5)),
+        ] {
+            let rig = RigParameters { pupil_ratio: Some(pupil_ratio), magnification, ..macro_rig(mode) };
+            let profile = rig.profile().expect("sound");
+            assert!((profile.homographies[2].0[0] - 1.0 / size).abs() < 1e-12, "{lens:?} {mode:?}");
+            let c = profile.principal_distance_mm.expect("known");
+            assert!((c - e / pupil_ratio).abs() < 1e-9 && (c - magnification * d).abs() < 1e-9, "{lens:?}");
+            assert_eq!(profile.principal_distance_source, Some(PrincipalDistanceSource::PupilRatio));
+            let gain = profile.gains.as_ref().map_or(1.0, |gains| gains[2]);
+            let distance = match mode {
+                CaptureMode::FixedLens => e - 0.5,
+                CaptureMode::MovingLens => e,
+                CaptureMode::LensAlone => e + 0.5,
+            };
+            assert!((gain - (distance / e).powi(2)).abs() < 1e-12, "{lens:?} {mode:?}");
+        }
+    }
+    let assumed = macro_rig(CaptureMode::FixedLens).profile().expect("sound");
+    assert_eq!(assumed.principal_distance_source, Some(PrincipalDistanceSource::FocalLength));
+    assert_eq!((assumed.pupils.pupil_ratio, assumed.pupils.principal_distance_sigma_mm), (Some(1.0), None));
+    let wrong = RigParameters { pupil_ratio: Some(0.0), ..macro_rig(CaptureMode::FixedLens) };
+    assert_eq!(refused(&wrong), "pupil_ratio is 0; it must be 0.05 to 20");
 }
 
 #[test]
@@ -169,7 +202,7 @@ proptest! {
         let reference = rig.reference_index.expect("named");
         let step = rig.rail_step_mm.expect("a step");
         // the same lens and sensor, described from the other slice
-        let distance = rig.sensor_distance() - (f64::from(other) - f64::from(reference)) * step;
+        let distance = rig.lens().image_distance() - (f64::from(other) - f64::from(reference)) * step;
         let other_rig = RigParameters { magnification: distance / rig.focal_mm - 1.0, reference_index: Some(other), ..rig };
         let expected = other_rig.profile().expect("sound");
         let back = profile.homographies[other as usize].inverse().expect("invertible");
