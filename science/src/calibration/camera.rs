@@ -1,110 +1,142 @@
 //! The pinhole camera, as far as a calibration can determine it.
 //!
-//! The principal distance d2 (lens to sensor in the reference slice) follows in two independent ways: from the rail
-//! law, `growth per mm = 1 / d2` with a fixed lens; and from `d2 = f (1 + M)`, with the magnification M from the target
-//! pitch. The focal length that a camera writes into its files is neither.
+//! In: the sizes of the target over the rail, its pitch, and the numbers that the user specified. Out: the principal
+//! distance `c = E / P = M D` of [`Lens`] with its source and standard deviation, or unknown.
+//!
+//! | what moves | the rail measures | `c` is known with |
+//! |---|---|---|
+//! | camera and lens | `D` | the target pitch: `M D` |
+//! | sensor | `E` | a moved target (`M D`), the pupil ratio (`E / P`), or roughly the focal length (`P = E / f - M`) |
+//! | lens alone | `1 / E + 1 / D` | the same |
+//! | nothing in mm | nothing | the focal length with the pupil ratio, or roughly with `P = 1` |
+//!
+//! A target that is nearer to the lens by `T` and `m1 / m0` times as large gives `D = T / (1 - m0 / m1)`. With both
+//! pupils, `P = E / (M D)` and `f = E / (M + P)` follow, against which specified numbers are checked.
 
-use crate::types::{calibration_options::CalibrationOptions, profile::CaptureMode, report::CameraReport};
+mod checks;
+mod measured;
 
-/// Measured quantities.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Known {
-    /// Image size over target size.
-    pub magnification: Option<f64>,
-    /// Growth of the image per mm of rail.
-    pub growth_per_mm: Option<f64>,
-    /// The capture mode.
-    pub capture: Option<CaptureMode>,
-}
+use crate::types::{
+    calibration_options::CalibrationOptions,
+    lens::Lens,
+    pupils::{PrincipalDistanceSource, Pupils},
+    report::CameraReport,
+};
+use measured::{ASSUMED_RATIO, Estimate, FOCAL, Measured, PRINT, RATIO};
 
-/// Largest relative difference at which the two principal distances agree.
-const MAX_DIFFERENCE: f64 = 0.02;
+pub(super) use checks::Contradiction;
+pub(super) use measured::Known;
 
-/// The camera from the options and the measured quantities.
-pub(super) fn camera(options: &CalibrationOptions, known: Known) -> CameraReport {
-    let by_pitch = known.magnification.zip(options.focal_mm).map(|(m, f)| f * (1.0 + m));
-    let moving = known.capture == Some(CaptureMode::MovingLens);
-    let by_rail = known.growth_per_mm.filter(|g| !moving && g.abs() > 1e-9).map(|g| 1.0 / g.abs());
-    let detail = match (by_rail, by_pitch) {
-        (Some(rail), Some(pitch)) => {
-            let off = 100.0 * (rail / pitch - 1.0);
-            let word = if agree(rail, pitch) {
-                "agree"
-            } else {
-                "disagree: check focal length, target pitch, pixel pitch and rail steps"
-            };
-            format!("from the rail law; focal length and target pitch give {pitch:.2} mm ({off:+.1} %): they {word}")
-        }
-        (Some(_), None) => {
-            "from the rail law; give focal_mm, target_pitch_mm and pixel_pitch_mm for a cross-check".into()
-        }
-        (None, Some(_)) if moving => {
-            "from focal length and target pitch; with a moving lens the rail cannot check it".into()
-        }
-        (None, Some(_)) => "from focal length and target pitch; give rail_step_mm for a cross-check".into(),
-        (None, None) if moving => {
-            "not known, because with a moving lens the rail does not tell it: give focal_mm with \
-                                   target_pitch_mm and pixel_pitch_mm"
-                .into()
-        }
-        (None, None) => "not known: give rail_step_mm (or rail_positions_mm), or focal_mm with target_pitch_mm and \
-                         pixel_pitch_mm"
-            .into(),
-    };
-    let distance = by_rail.or(by_pitch);
-    CameraReport {
-        principal_distance_mm: distance,
-        principal_distance_px: distance.zip(options.pixel_pitch_mm).map(|(d, p)| d / p),
-        cross_check_mm: by_rail.and(by_pitch),
+/// The camera from the options and the measured quantities, and what contradicts it.
+pub(super) fn camera(options: &CalibrationOptions, known: Known) -> (CameraReport, Vec<Contradiction>) {
+    let measured = Measured::of(options, known);
+    let contradictions = checks::contradictions(options, known, &measured);
+    let (source, distance) = distance(options, &measured, &contradictions);
+    let given = options.pupil_ratio.and_then(|ratio| Estimate::new(ratio, [RATIO]));
+    let ratio = measured.ratio().or(given);
+    let measured_focal_mm = measured.ratio().and_then(|ratio| measured.lens(ratio.value)).map(|lens| lens.focal_mm);
+    let (value, sigma) = (|e: Estimate| e.value, Estimate::absolute);
+    let report = CameraReport {
+        principal_distance_mm: distance.map(value),
+        principal_distance_px: distance.zip(options.pixel_pitch_mm).map(|(d, p)| d.value / p),
+        source,
+        pupils: Pupils {
+            principal_distance_sigma_mm: distance.map(sigma),
+            exit_pupil_distance_mm: measured.exit.map(value),
+            exit_pupil_distance_sigma_mm: measured.exit.map(sigma),
+            entrance_pupil_distance_mm: measured.depth().map(value),
+            entrance_pupil_distance_sigma_mm: measured.depth().map(sigma),
+            pupil_ratio: ratio.map(value),
+            pupil_ratio_sigma: ratio.map(sigma),
+        },
+        measured_focal_mm,
         // the fixed point gives the principal point only together with the tilt of the rail, which is unknown
         principal_point_px: None,
         pixel_pitch_mm: options.pixel_pitch_mm,
         focal_mm: options.focal_mm,
-        detail,
+        detail: detail(source, options, known, &measured),
+    };
+    (report, contradictions)
+}
+
+/// The principal distance and its source.
+fn distance(
+    options: &CalibrationOptions,
+    measured: &Measured,
+    contradictions: &[Contradiction],
+) -> (PrincipalDistanceSource, Option<Estimate>) {
+    use PrincipalDistanceSource as Source;
+    let m = measured.magnification;
+    if let (Some(depth), Some(m)) = (measured.depth(), m) {
+        let source = if measured.entrance.is_some() { Source::CameraRail } else { Source::MovedTarget };
+        return (source, Estimate::new(m.value * depth.value, [depth.sigma, m.sigma]));
+    }
+    // where the two numbers that were specified contradict each other, either may be wrong
+    let doubt = contradictions.iter().map(|c| c.doubt).fold(0.0, f64::max);
+    if let (Some(exit), Some(ratio)) = (measured.exit, options.pupil_ratio) {
+        return (Source::PupilRatio, Estimate::new(exit.value / ratio, [exit.sigma, RATIO, doubt]));
+    }
+    if let (Some(growth), Some(ratio)) = (measured.growth, options.pupil_ratio) {
+        let lens = measured.lens(ratio).map(|lens| lens.principal_distance());
+        let sigmas = [growth.sigma, PRINT, RATIO, doubt];
+        return (Source::PupilRatio, lens.and_then(|distance| Estimate::new(distance, sigmas)));
+    }
+    let by_focal = || {
+        let (focal_mm, magnification) = (options.focal_mm?, m?.value);
+        let on_rail = measured.ratio_of(focal_mm);
+        if on_rail.is_some() && contradictions.iter().any(|c| c.is_implausible) {
+            return None;
+        }
+        let at = |focal_mm: f64| {
+            let pupil_ratio = measured.ratio_of(focal_mm).or(options.pupil_ratio).unwrap_or(1.0);
+            Lens { focal_mm, magnification, pupil_ratio }.principal_distance()
+        };
+        let ratio = match (on_rail, options.pupil_ratio) {
+            (Some(_), _) => 0.0,
+            (None, Some(_)) => RATIO,
+            (None, None) => ASSUMED_RATIO,
+        };
+        // with a rail the pupil ratio follows from the focal length, and takes its error up
+        let step = 1e-4;
+        let slope = (at(focal_mm * (1.0 + step)) / at(focal_mm) - 1.0) / step;
+        Estimate::new(at(focal_mm), [slope * FOCAL, ratio, PRINT]).filter(|distance| distance.sigma < 1.0)
+    };
+    match by_focal() {
+        Some(distance) => (Source::FocalLength, Some(distance)),
+        None => (Source::Unknown, None),
     }
 }
 
-/// True when the two principal distances of a report differ by more than [`MAX_DIFFERENCE`].
-pub(super) fn is_contradictory(report: &CameraReport) -> bool {
-    let both = report.principal_distance_mm.zip(report.cross_check_mm);
-    both.is_some_and(|(rail, pitch)| !agree(rail, pitch))
-}
-
-/// True when two principal distances agree.
-fn agree(rail: f64, pitch: f64) -> bool {
-    (100.0 * (rail / pitch - 1.0)).abs() <= 100.0 * MAX_DIFFERENCE
+/// Where the number comes from, or what would make it known or better, in one sentence.
+fn detail(source: PrincipalDistanceSource, options: &CalibrationOptions, known: Known, measured: &Measured) -> String {
+    use PrincipalDistanceSource as Source;
+    const MOVE: &str = "calibrate again with the target moved by a known distance (moved_target and target_advance_mm)";
+    match source {
+        Source::CameraRail => "measured with the rail, which moves camera and lens".into(),
+        Source::MovedTarget => "measured with the moved target".into(),
+        Source::PupilRatio => format!("from pupil_ratio as specified, which nothing checks; to measure it, {MOVE}"),
+        Source::FocalLength if known.sizes.is_empty() && options.pupil_ratio.is_none() => format!(
+            "rough: from focal_mm as specified, with a pupil ratio of 1 that is only assumed; to measure it, give \
+             rail_step_mm, and with a rail that moves the sensor {MOVE}"
+        ),
+        Source::FocalLength => {
+            format!("rough: from focal_mm as specified, which nothing checks; give pupil_ratio, or better {MOVE}")
+        }
+        Source::Unknown if measured.magnification.is_none() => {
+            "not known: give target_pitch_mm and pixel_pitch_mm, and rail_step_mm or rail_positions_mm".into()
+        }
+        Source::Unknown if known.sizes.is_empty() => {
+            "not known: give rail_step_mm or rail_positions_mm; focal_mm gives a rough value".into()
+        }
+        Source::Unknown if known.capture.is_none() => {
+            "not known, because it is not decided what moved: specify capture_mode".into()
+        }
+        Source::Unknown => format!(
+            "not known, because a rail that moves the sensor or the lens alone measures only half of it: {MOVE}, or give \
+             pupil_ratio, or the right focal_mm for a rough value"
+        ),
+    }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_principal_distance_is_cross_checked() {
-        let options =
-            CalibrationOptions { focal_mm: Some(65.0), pixel_pitch_mm: Some(0.004), ..CalibrationOptions::default() };
-        let known = Known { magnification: Some(1.0), growth_per_mm: Some(-1.0 / 131.0), capture: None };
-        let report = camera(&options, known);
-        assert!((report.principal_distance_mm.expect("known") - 131.0).abs() < 1e-9);
-        assert_eq!(report.cross_check_mm, Some(130.0));
-        assert!((report.principal_distance_px.expect("known") - 32_750.0).abs() < 1e-6);
-        assert!(report.detail.contains("they agree"), "{}", report.detail);
-        let off = camera(&options, Known { growth_per_mm: Some(1.0 / 150.0), ..known });
-        assert!(off.detail.contains("they disagree"), "{}", off.detail);
-        assert!(is_contradictory(&off) && !is_contradictory(&report));
-    }
-
-    #[test]
-    fn unknown_values_stay_none() {
-        let report = camera(&CalibrationOptions::default(), Known::default());
-        assert_eq!((report.principal_distance_mm, report.principal_distance_px), (None, None));
-        assert!(report.detail.contains("rail_step_mm"));
-        let moving = Known { growth_per_mm: Some(0.01), capture: Some(CaptureMode::MovingLens), magnification: None };
-        let report = camera(&CalibrationOptions::default(), moving);
-        assert_eq!(report.principal_distance_mm, None);
-        assert!(!report.detail.contains("rail_step_mm") && report.detail.contains("focal_mm"), "{}", report.detail);
-        let options = CalibrationOptions { focal_mm: Some(65.0), ..CalibrationOptions::default() };
-        let report = camera(&options, Known { magnification: Some(1.0), ..moving });
-        assert!(!report.detail.contains("rail_step_mm"), "{}", report.detail);
-    }
-}
+mod tests;

@@ -1,53 +1,68 @@
-//! The capture mode: whether the sensor moved alone (fixed lens) or with the lens (moving lens).
+//! The capture mode: whether the sensor moved alone (fixed lens), camera and lens together (moving lens), or the lens
+//! alone.
 //!
 //! Two criteria:
 //!
-//! - Law: with a fixed lens 1/scale is linear in the rail position; with a moving lens and a flat target the scale
-//!   itself is. The two differ by half the square of the relative change over the stack.
+//! - Law: the bend of the sizes over the rail ([`SizeLaw`]) is 0 with a fixed lens, 1 with a moving lens, and between
+//!   them with a lens that moves alone. A mode is found if it is likelier than all others together by 20 to 1.
 //! - Direction: towards the object, the image shrinks with a fixed lens (the sensor approaches the lens) and grows with
-//!   a moving lens.
+//!   the others.
 
-use super::statistics::{median, median_of, range};
+use super::size_law::{ScaleSample, SizeLaw};
+use super::statistics::{median_of, range};
+use crate::types::lens::PLAUSIBLE_PUPIL_RATIOS;
 use crate::types::{profile::CaptureMode, report::CaptureReport};
 
-/// The scale of one measured slice.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct ScaleSample {
-    /// Rail position: mm towards the object when the user specified positions, else the slice index.
-    pub position: f64,
-    /// Scale from the slice to the reference slice.
-    pub scale: f64,
-    /// Standard deviation of the scale.
-    pub sigma: f64,
-}
+/// The modes with their probability before any measurement: few rails move a lens alone.
+const MODES: [(CaptureMode, f64); 3] =
+    [(CaptureMode::FixedLens, 1.0), (CaptureMode::MovingLens, 1.0), (CaptureMode::LensAlone, 0.2)];
+/// Share of the probability from which a mode counts as found.
+const CERTAIN: f64 = 0.95;
+/// Least standard deviation of the bend: rails are not perfect.
+const LEAST_BEND_SIGMA: f64 = 0.01;
+/// Change of the size over the stack, in standard deviations, from which its direction counts.
+const NOTICEABLE: f64 = 10.0;
 
-/// Decides the capture mode from the scales. `positions_given`: positions came from the user, so the direction
-/// criterion applies. `even`: steps are known to be equal, so the law criterion applies. `given`: the mode that the
-/// user specified.
+/// Decides the capture mode from the sizes. `in_mm`: positions came from the user, so the direction criterion applies.
+/// `even`: steps are known to be equal, so the law criterion applies. `given`: the mode that the user specified.
 pub(super) fn decide(
     slices: &[ScaleSample],
-    positions_given: bool,
+    in_mm: bool,
     even: bool,
     given: Option<CaptureMode>,
+    magnification: Option<f64>,
 ) -> CaptureReport {
-    let by_law = if even { by_law(slices) } else { None };
-    let by_direction = if positions_given { by_direction(slices) } else { None };
-    let is_contradictory = by_law.zip(by_direction).is_some_and(|(law, direction)| law != direction);
-    let found = by_law.or(by_direction).filter(|_| !is_contradictory);
-    let detail = match (found, by_law) {
+    let growth = growth(slices);
+    let law = SizeLaw::fit(slices, None).filter(|law| {
+        // a bend that is that of no mode shows a rail whose steps are wrong
+        let margin = 4.0 * law.bend_sigma.max(LEAST_BEND_SIGMA);
+        even && slices.len() >= 5 && growth.is_some() && (-margin..=1.0 + margin).contains(&law.bend)
+    });
+    let by_law = law.map_or(MODES.map(|(_, prior)| prior), |law| likelihoods(&law, magnification));
+    let by_direction = growth
+        .filter(|_| in_mm)
+        .map(|growth| MODES.map(|(mode, _)| (growth < 0.0) == (mode == CaptureMode::FixedLens)));
+    let both = [0, 1, 2].map(|n| if by_direction.is_none_or(|fits| fits[n]) { by_law[n] } else { 0.0 });
+    let is_contradictory = certain(&by_law).is_some_and(|n| both[n] == 0.0);
+    let found = if law.is_none() && by_direction.is_none() { None } else { certain(&both) };
+    let found = found.filter(|_| !is_contradictory).map(|n| MODES[n].0);
+    let detail = match found {
         _ if is_contradictory => {
-            "the law of the scales and the direction of the rail disagree: check that rail positions \
-                                  are counted towards the object"
+            "the law of the sizes and the direction of the rail disagree: check that rail positions are counted towards \
+             the object"
                 .to_owned()
         }
-        (Some(mode), Some(_)) => format!("the scales follow the law of {}", name(mode)),
-        (Some(mode), None) => {
-            let change = if mode == CaptureMode::FixedLens { "shrinks" } else { "grows" };
-            format!("towards the object the image {change}, as with {}", name(mode))
-        }
-        (None, _) => {
-            "the scales do not show what moved: too few slices, too small a change of scale, or uneven steps".to_owned()
-        }
+        Some(mode) if law.is_some() => format!("the sizes follow the law of {}", name(mode)),
+        Some(mode) => format!("towards the object the image shrinks, as with {}", name(mode)),
+        None if by_direction.is_some_and(|fits| !fits[0]) => format!(
+            "the image grows towards the object, as with {} and with {}; the range of the rail is too small to tell them \
+             apart: specify capture_mode",
+            name(CaptureMode::MovingLens),
+            name(CaptureMode::LensAlone)
+        ),
+        None => "the sizes do not show what moved: too few slices, too small a change of size, or uneven steps: specify \
+                 capture_mode"
+            .to_owned(),
     };
     CaptureReport { told: given, found, detail }
 }
@@ -57,75 +72,92 @@ pub(super) fn name(mode: CaptureMode) -> &'static str {
     match mode {
         CaptureMode::FixedLens => "a fixed lens (only the sensor moves)",
         CaptureMode::MovingLens => "a moving lens (camera and lens move together)",
+        CaptureMode::LensAlone => "a lens that moves alone (the camera body is fixed)",
     }
 }
 
-fn by_law(slices: &[ScaleSample]) -> Option<CaptureMode> {
-    if slices.len() < 5 {
-        return None;
-    }
-    let fixed = off_line(slices.iter().map(|s| (s.position, 1.0 / s.scale)));
-    let moving = off_line(slices.iter().map(|s| (s.position, s.scale)));
-    let noise = median_of(slices.iter().map(|s| s.sigma)).max(1e-7);
-    let certain = |right: f64, wrong: f64| right < 0.25 * wrong && wrong > 5.0 * noise && right < 4.0 * noise;
-    match () {
-        () if certain(fixed, moving) => Some(CaptureMode::FixedLens),
-        () if certain(moving, fixed) => Some(CaptureMode::MovingLens),
-        () => None,
-    }
+/// Index of the mode that is likelier than the others together by far.
+fn certain(probabilities: &[f64; 3]) -> Option<usize> {
+    let sum: f64 = probabilities.iter().sum();
+    (0..3).find(|&n| probabilities[n] > CERTAIN * sum && sum > 0.0)
 }
 
-fn by_direction(slices: &[ScaleSample]) -> Option<CaptureMode> {
-    let mut slopes = Vec::new();
-    for (k, a) in slices.iter().enumerate() {
-        slopes.extend(slices[k + 1..].iter().map(|b| (b.scale - a.scale) / (b.position - a.position)));
-    }
-    let slope = median(&mut slopes);
+/// Likelihood of each mode by the bend, times its prior. The bend of a lens that moves alone is `M P / (1 + M P)`, with
+/// any plausible pupil ratio.
+fn likelihoods(law: &SizeLaw, magnification: Option<f64>) -> [f64; 3] {
+    let sigma = law.bend_sigma.max(LEAST_BEND_SIGMA);
+    let of_alone = |ratio: f64| magnification.map(|m| m * ratio / (1.0 + m * ratio));
+    let [low, high] = PLAUSIBLE_PUPIL_RATIOS;
+    let (low, high) = (of_alone(low).unwrap_or(0.1), of_alone(high).unwrap_or(0.9));
+    let normal = |expected: f64| (-0.5 * ((law.bend - expected) / sigma).powi(2)).exp();
+    // the normal density, averaged over the range of the bend
+    const STEPS: usize = 200;
+    let mean =
+        (0..STEPS).map(|k| normal(low + (high - low) * (k as f64 + 0.5) / STEPS as f64)).sum::<f64>() / STEPS as f64;
+    MODES.map(|(mode, prior)| {
+        prior
+            * match mode {
+                CaptureMode::FixedLens => normal(0.0),
+                CaptureMode::MovingLens => normal(1.0),
+                CaptureMode::LensAlone => mean,
+            }
+    })
+}
+
+/// Growth of the image per unit of the position, if it is noticeable over the stack.
+fn growth(slices: &[ScaleSample]) -> Option<f64> {
     let (low, high) = range(slices.iter().map(|s| s.position));
-    let noise = median_of(slices.iter().map(|s| s.sigma)).max(1e-7);
-    if slices.len() < 3 || (slope * (high - low)).abs() < 10.0 * noise {
-        return None;
-    }
-    // the scale to the reference slice grows where the image shrinks
-    Some(if slope > 0.0 { CaptureMode::FixedLens } else { CaptureMode::MovingLens })
-}
-
-/// RMS residual of the least-squares line.
-fn off_line(points: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
-    let n = points.clone().count() as f64;
-    let (sx, sy) = points.clone().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
-    let (mx, my) = (sx / n, sy / n);
-    let (xx, xy) = points.clone().fold((0.0, 0.0), |s, p| (s.0 + (p.0 - mx).powi(2), s.1 + (p.0 - mx) * (p.1 - my)));
-    let slope = xy / xx.max(1e-12);
-    (points.map(|p| (p.1 - my - slope * (p.0 - mx)).powi(2)).sum::<f64>() / (n - 2.0).max(1.0)).sqrt()
+    let noise = median_of(slices.iter().map(|s| s.sigma));
+    let law = SizeLaw::fit(slices, Some(CaptureMode::FixedLens))?;
+    ((law.growth * (high - low)).abs() > NOTICEABLE * noise.max(0.3 * law.growth_sigma * (high - low)))
+        .then_some(law.growth)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::types::lens::Lens;
 
-    fn stack(scale: impl Fn(f64) -> f64) -> Vec<ScaleSample> {
-        (-4..=4).map(|z| ScaleSample { position: f64::from(z), scale: scale(f64::from(z)), sigma: 3e-6 }).collect()
+    fn stack(size: impl Fn(f64) -> f64) -> Vec<ScaleSample> {
+        (-4..=4)
+            .map(f64::from)
+            .map(|z| ScaleSample { position: z, size: size(z), sigma: 3e-6 + 2e-8 * z.abs() })
+            .collect()
     }
 
     #[test]
-    fn the_law_of_the_scales_decides_the_capture_mode_only_when_it_is_unambiguous() {
-        let fixed = stack(|dz| 141.0 / (141.0 - 3.0 * dz));
-        assert_eq!(decide(&fixed, false, true, None).found, Some(CaptureMode::FixedLens));
-        assert_eq!(decide(&stack(|dz| 1.0 - dz / 47.0), false, true, None).found, Some(CaptureMode::MovingLens));
-        assert_eq!(decide(&stack(|dz| 1.0 - dz / 1e6), false, true, None).found, None);
-        assert_eq!(decide(&stack(|dz| 1.0 + 0.01 * (dz * 2.0).sin()), false, true, None).found, None);
-        assert_eq!(decide(&fixed, false, false, None).found, None);
+    fn the_law_of_the_sizes_decides_the_capture_mode_only_when_it_is_unambiguous() {
+        let fixed = stack(|dz| 1.0 - dz / 47.0);
+        assert_eq!(decide(&fixed, false, true, None, None).found, Some(CaptureMode::FixedLens));
+        let moving = stack(|dz| 1.0 / (1.0 - dz / 47.0));
+        assert_eq!(decide(&moving, false, true, None, None).found, Some(CaptureMode::MovingLens));
+        assert_eq!(decide(&stack(|dz| 1.0 - dz / 1e7), false, true, None, None).found, None);
+        assert_eq!(decide(&stack(|dz| 1.0 + 0.01 * (dz * 2.0).sin()), false, true, None, None).found, None);
+        assert_eq!(decide(&fixed, false, false, None, None).found, None);
+    }
+
+    #[test]
+    fn a_lens_that_moves_alone_is_found_by_its_bend_or_undecided() {
+        for (magnification, pupil_ratio) in [(0.5, 0.6), (1.0, 1.0), (2.5, 1.8)] {
+            let lens = Lens { focal_mm: 65.0, magnification, pupil_ratio };
+            for (reach, found) in [(0.6, Some(CaptureMode::LensAlone)), (0.01, None)] {
+                let samples = stack(|z| lens.size(CaptureMode::LensAlone, reach * z));
+                let report = decide(&samples, true, true, None, Some(magnification));
+                assert_eq!(report.found, found, "{lens:?}, {reach}: {}", report.detail);
+                assert!(found.is_some() || report.detail.contains("specify capture_mode"), "{}", report.detail);
+            }
+        }
     }
 
     #[test]
     fn the_direction_of_the_rail_decides_too_and_a_contradiction_is_reported() {
-        let fixed = stack(|dz| 141.0 / (141.0 - 3.0 * dz));
-        assert_eq!(decide(&fixed, true, false, None).found, Some(CaptureMode::FixedLens));
-        let moving = stack(|dz| 1.0 - dz / 47.0);
-        assert_eq!(decide(&moving, true, false, None).found, Some(CaptureMode::MovingLens));
-        let turned = stack(|dz| 141.0 / (141.0 + 3.0 * dz));
-        let report = decide(&turned, true, true, None);
+        let fixed = stack(|dz| 1.0 - 3.0 * dz / 141.0);
+        assert_eq!(decide(&fixed, true, false, None, None).found, Some(CaptureMode::FixedLens));
+        let moving = stack(|dz| 1.0 / (1.0 - dz / 47.0));
+        let undecided = decide(&moving, true, false, None, None);
+        assert!(undecided.found.is_none() && undecided.detail.contains("specify capture_mode"), "{}", undecided.detail);
+        let turned = stack(|dz| 1.0 + 3.0 * dz / 141.0);
+        let report = decide(&turned, true, true, None, None);
         assert_eq!(report.found, None);
         assert!(report.detail.contains("counted towards the object"), "{}", report.detail);
     }

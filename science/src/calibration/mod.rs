@@ -20,7 +20,7 @@
 //! | banding | `banding` | finds stripes of a flickering lamp |
 //! | uneven light | `falloff` | what light that falls off before the blur does to blurred slices |
 //! | lost slices | `lost` | says why a slice was not measured |
-//! | report | `report`, `findings`, `grade`, `capture`, `camera` | capture mode, camera, findings, grade |
+//! | report | `report`, `findings`, `grade`, `capture`, `size_law`, `camera` | capture mode, camera, findings, grade |
 //!
 //! The stages hand on `detected` (the dots of a slice), `tracked` (all slices) and `result`.
 //!
@@ -66,6 +66,7 @@ mod rail_order;
 mod report;
 mod result;
 mod robust;
+mod size_law;
 mod solve;
 mod statistics;
 mod surface;

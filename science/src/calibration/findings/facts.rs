@@ -1,6 +1,8 @@
 //! What the findings are made from.
 
-use crate::calibration::{detected::Detection, names::listed, solve::Solution, tracked::Tracked};
+use crate::calibration::{
+    camera::Contradiction, detected::Detection, names::listed, solve::Solution, tracked::Tracked,
+};
 use crate::imaging::Slices;
 use crate::types::profile::ProfileSlice;
 use crate::types::report::{CameraReport, CaptureReport};
@@ -21,6 +23,8 @@ pub(in crate::calibration) struct Facts<'a> {
     pub capture: &'a CaptureReport,
     /// The camera.
     pub camera: &'a CameraReport,
+    /// What contradicts it.
+    pub contradictions: &'a [Contradiction],
 }
 
 impl Facts<'_> {

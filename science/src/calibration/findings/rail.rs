@@ -2,7 +2,7 @@
 
 use super::facts::Facts;
 use crate::calibration::rail_anomalies::{Jump, RailAnomaly};
-use crate::calibration::{camera, capture, grade::Finding, names::first_names};
+use crate::calibration::{capture, grade::Finding, names::first_names};
 use crate::types::{WarningCode, report::Grade};
 
 /// How far the image jumps, as a predicate.
@@ -68,15 +68,7 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
         );
         out.push(Finding::remark(WarningCode::CaptureModeDisagrees, detail));
     }
-    if camera::is_contradictory(facts.camera) {
-        out.push(Finding::remark(
-            WarningCode::PrincipalDistanceDisagrees,
-            format!(
-                "the principal distance is {:.2} mm {}",
-                facts.camera.principal_distance_mm.unwrap_or_default(),
-                facts.camera.detail
-            ),
-        ));
-    }
+    let contradictions = facts.contradictions.iter();
+    out.extend(contradictions.map(|found| Finding::remark(found.code.clone(), found.detail.clone())));
     out
 }

@@ -6,13 +6,14 @@ mod target;
 mod verdict;
 
 use super::camera::{self, Known};
-use super::capture::{self, ScaleSample};
+use super::capture;
 use super::findings::{self, Facts};
 use super::result::{Calibration, Dot, DotUse};
+use super::size_law::ScaleSample;
 use super::solve::{Solution, Solved};
 use super::{distortion::LensAnalysis, grade::Finding, tracked::Tracked};
 use crate::imaging::Slices;
-use crate::types::report::{CalibrationReport, CaptureReport};
+use crate::types::report::CalibrationReport;
 use crate::types::{Warning, calibration_options::CalibrationOptions, profile::ProfileSlice};
 
 /// Least standard deviation of the image corners that a scale is known to, px.
@@ -39,11 +40,20 @@ pub(super) fn report(
         (Some(pixel), Some(target)) if target > 0.0 => Some(pitch * pixel / target),
         _ => None,
     };
-    let capture = capture_report(&solution, &profile, tracked, in_mm, options);
+    let half = 0.5 * (f64::from(width) - 1.0).hypot(f64::from(height) - 1.0);
+    let least_sigma = LEAST_CORNER_SIGMA / half;
+    let sizes = sizes(&solution, &profile, least_sigma);
+    let even = in_mm || solution.rail.anomalies.is_empty();
+    let capture = capture::decide(&sizes, in_mm, even, options.capture_mode, magnification);
     let capture_mode = capture.found.or(options.capture_mode);
     let rail = rail::report(&solution, in_mm, tracked.size());
-    let growth_per_mm = rail.as_ref().filter(|_| in_mm).map(|r| r.growth);
-    let camera = camera::camera(options, Known { magnification, growth_per_mm, capture: capture_mode });
+    let known = Known {
+        magnification,
+        sizes: if in_mm { &sizes } else { &[] },
+        capture: capture_mode,
+        pitch_px: [pitch, least_sigma],
+    };
+    let (camera, contradictions) = camera::camera(options, known);
     let facts = Facts {
         slices,
         tracked,
@@ -52,6 +62,7 @@ pub(super) fn report(
         blurs: &tracked.blurs(),
         capture: &capture,
         camera: &camera,
+        contradictions: &contradictions,
     };
     let findings = all_findings(&facts, lens);
     let (grade, verdict) = verdict::verdict(&facts, &findings, options.target_pitch_mm);
@@ -105,23 +116,15 @@ fn profile_slices(solution: &Solution, tracked: &Tracked) -> Vec<ProfileSlice> {
     solution.slices.iter().enumerate().map(slice).collect()
 }
 
-/// What moves, by the scales of the measured slices.
-fn capture_report(
-    solution: &Solution,
-    profile: &[ProfileSlice],
-    tracked: &Tracked,
-    in_mm: bool,
-    options: &CalibrationOptions,
-) -> CaptureReport {
-    let [width, height] = tracked.size().map(|length| f64::from(length) - 1.0);
-    let half = 0.5 * width.hypot(height);
+/// Sizes of the target in the measured slices, relative to the reference slice and its position.
+fn sizes(solution: &Solution, profile: &[ProfileSlice], least_sigma: f64) -> Vec<ScaleSample> {
+    let positions = &solution.rail.positions;
     let sample = |i: usize| {
-        let (_, sigma) = solution.rail.scales[i].filter(|_| !profile[i].interpolated)?;
-        let sigma = sigma.max(LEAST_CORNER_SIGMA / half);
-        Some(ScaleSample { position: solution.rail.positions[i], scale: profile[i].scale, sigma })
+        let (growth, sigma) = solution.rail.scales[i].filter(|_| !profile[i].interpolated)?;
+        let position = positions[i] - positions[solution.reference];
+        Some(ScaleSample { position, size: 1.0 + growth, sigma: sigma.max(least_sigma) })
     };
-    let scales: Vec<ScaleSample> = (0..profile.len()).filter_map(sample).collect();
-    capture::decide(&scales, in_mm, in_mm || solution.rail.anomalies.is_empty(), options.capture_mode)
+    (0..profile.len()).filter_map(sample).collect()
 }
 
 /// The findings of the slices and of the lens, the most serious first.

@@ -2,7 +2,7 @@
 
 use crate::calibration::grade::{self, Finding};
 use crate::calibration::{blur, findings::Facts, lost::Loss};
-use crate::types::{Homography, report::Grade};
+use crate::types::{Homography, pupils::PrincipalDistanceSource, report::Grade};
 
 /// Largest advised blur radius over pitch (the pitch is 2.5 times the largest blur radius).
 const ADVISED: f64 = 0.4;
@@ -35,10 +35,30 @@ pub(super) fn verdict(facts: &Facts, findings: &[Finding], pitch_mm: Option<f64>
     let still = if same { "; all slices have the same geometry" } else { "" };
     let text = format!(
         "{}: {corners}; dots fit to {rms:.3} px RMS or better, at least {dots} \
-         dots per slice, {tail}{still}",
-        grade::word(grade)
+         dots per slice, {tail}{still}{}",
+        grade::word(grade),
+        camera(facts)
     );
     (grade, text)
+}
+
+/// What is known of the principal distance; empty when the user specified nothing about the camera.
+fn camera(facts: &Facts) -> String {
+    let camera = facts.camera;
+    let sigma = camera.pupils.principal_distance_sigma_mm.unwrap_or_default();
+    let known = match (camera.principal_distance_mm, camera.source) {
+        (Some(distance), PrincipalDistanceSource::FocalLength) => {
+            format!("; principal distance roughly {distance:.0} +- {sigma:.0} mm, by focal_mm alone")
+        }
+        (Some(distance), PrincipalDistanceSource::PupilRatio) => {
+            format!("; principal distance {distance:.1} +- {sigma:.1} mm, by pupil_ratio as specified")
+        }
+        (Some(distance), _) => format!("; principal distance {distance:.2} +- {sigma:.2} mm"),
+        (None, _) if camera.pixel_pitch_mm.is_some() => "; principal distance not known".to_owned(),
+        (None, _) => String::new(),
+    };
+    let doubts = facts.contradictions.iter().map(|found| format!("; see {}", found.code));
+    known + &doubts.collect::<String>()
 }
 
 /// Per slice that was lost to blur its blur radius, grid steps: at least that at which the pattern vanishes.

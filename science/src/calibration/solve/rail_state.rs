@@ -31,8 +31,9 @@ impl RailState {
     /// The rail by the similarity estimates `own`. `given`: rail positions that the user specified; `half`: px a unit.
     pub(super) fn of(own: &[Option<OwnEstimate>], given: Option<&[f64]>, reference: usize, half: f64) -> Self {
         let sigma = |o: &OwnEstimate, n: usize| o.covariance[(n, n)].max(0.0).sqrt();
-        let scales: Vec<Option<(f64, f64)>> =
-            own.iter().map(|o| o.as_ref().map(|o| (o.free[0], sigma(o, 0)))).collect();
+        // of a turned image the parameters are cosine and sine
+        let size = |o: &OwnEstimate| (1.0 + o.free[0]).hypot(o.free[1]) - 1.0;
+        let scales: Vec<Option<(f64, f64)>> = own.iter().map(|o| o.as_ref().map(|o| (size(o), sigma(o, 0)))).collect();
         let order = rail_order::true_order(&scales);
         let mut positions = match (&order, given) {
             (Some(order), None) => rail_order::ranks(order, own.len()),

@@ -1,5 +1,6 @@
 //! Calibration end to end, on targets with known truth.
 
+mod camera;
 mod degenerate;
 mod gains;
 mod lost;

@@ -1,0 +1,110 @@
+//! The camera of rendered targets: lenses with pupils of different width, and whatever moves.
+
+use super::super::*;
+use crate::synth::{DotTarget, Rig, target_stack};
+use crate::types::{NoControl, profile::CaptureMode, pupils::PrincipalDistanceSource};
+
+/// A rig of 9 slices at a magnification of 1.6, whose image grows by about 5 %.
+fn rig(pupil_ratio: f64, mode: CaptureMode) -> Rig {
+    let base = Rig { channels: 1, pupil_ratio, magnification: 1.6, noise: 0.5, ..Rig::sized(480, 360, 9) }.ideal();
+    let lens = base.lens();
+    let reach = match mode {
+        CaptureMode::FixedLens => 0.025 * lens.exit_pupil_distance(),
+        CaptureMode::MovingLens => 0.025 * lens.entrance_pupil_distance(),
+        CaptureMode::LensAlone => 0.025 / (1.0 / lens.exit_pupil_distance() + 1.0 / lens.entrance_pupil_distance()),
+    };
+    // the renderer counts the sensor away from the lens, and the others towards the object
+    let sign = if mode == CaptureMode::FixedLens { -1.0 } else { 1.0 };
+    Rig { mode, rail_mm: (-4..=4).map(|i| sign * reach * f64::from(i) / 4.0).collect(), ..base }
+}
+
+/// The target, with an aperture that blurs it by up to 0.3 pitches.
+fn with_target(rig: Rig) -> (Rig, DotTarget) {
+    let target = DotTarget::for_rig(&rig, 16);
+    (super::rig::blurred(rig, &target, 0.3), target)
+}
+
+fn options(rig: &Rig, target: &DotTarget) -> CalibrationOptions {
+    let sign = if rig.mode == CaptureMode::FixedLens { -1.0 } else { 1.0 };
+    CalibrationOptions {
+        rail_positions_mm: Some(rig.rail_mm.iter().map(|z| sign * z).collect()),
+        pixel_pitch_mm: Some(rig.pixel_pitch_mm),
+        target_pitch_mm: Some(target.pitch_mm),
+        ..CalibrationOptions::default()
+    }
+}
+
+fn measured(rig: &Rig, target: &DotTarget, options: &CalibrationOptions) -> Calibration {
+    calibrate(&&target_stack(rig, target)[..], options, &NoControl).expect("a calibration")
+}
+
+fn is_near(found: Option<f64>, truth: f64) -> bool {
+    found.is_some_and(|found| (found / truth - 1.0).abs() < 0.005)
+}
+
+#[test]
+fn a_rail_of_the_camera_measures_the_principal_distance_of_any_lens() {
+    for pupil_ratio in [0.6, 1.0, 1.8] {
+        let (rig, target) = with_target(rig(pupil_ratio, CaptureMode::MovingLens));
+        let calibration = measured(&rig, &target, &options(&rig, &target));
+        let camera = &calibration.report.camera;
+        assert_eq!(calibration.capture_mode, Some(CaptureMode::MovingLens), "{:?}", calibration.report.capture);
+        assert_eq!(camera.source, PrincipalDistanceSource::CameraRail);
+        assert!(is_near(camera.principal_distance_mm, rig.lens().principal_distance()), "P {pupil_ratio}: {camera:?}");
+        assert!(calibration.verdict.contains("; principal distance "), "{}", calibration.verdict);
+    }
+}
+
+#[test]
+fn a_rail_of_the_sensor_measures_it_with_a_moved_target_and_says_unknown_without() {
+    for pupil_ratio in [0.6, 1.8] {
+        let (rig, target) = with_target(rig(pupil_ratio, CaptureMode::FixedLens));
+        let lens = rig.lens();
+        let alone = options(&rig, &target);
+        let calibration = measured(&rig, &target, &alone);
+        let camera = &calibration.report.camera;
+        assert_eq!((camera.principal_distance_mm, camera.source), (None, PrincipalDistanceSource::Unknown));
+        assert!(is_near(camera.pupils.exit_pupil_distance_mm, lens.exit_pupil_distance()), "{camera:?}");
+        assert!(calibration.verdict.contains("principal distance not known"), "{}", calibration.verdict);
+
+        // nearer: in focus in the second slice
+        let near = DotTarget { depth: Some(rig.focus_fraction(1)), ..target.clone() };
+        let distance = |fraction: f64| rig.object_distance(fraction);
+        let pitch = measured(&rig, &near, &alone).dot_pitch_px;
+        let moved = CalibrationOptions {
+            focal_mm: Some(65.0),
+            target_advance_mm: Some(distance(rig.focus_fraction(rig.reference)) - distance(rig.focus_fraction(1))),
+            moved_target_pitch_px: Some(pitch),
+            ..alone
+        };
+        let calibration = measured(&rig, &target, &moved);
+        let camera = &calibration.report.camera;
+        assert_eq!(camera.source, PrincipalDistanceSource::MovedTarget);
+        assert!(is_near(camera.principal_distance_mm, lens.principal_distance()), "P {pupil_ratio}: {camera:?}");
+        assert!(
+            is_near(camera.pupils.pupil_ratio, pupil_ratio) && is_near(camera.measured_focal_mm, 65.0),
+            "{camera:?}"
+        );
+        let codes: Vec<&str> = calibration.warnings.iter().map(|w| w.code.as_str()).collect();
+        assert!(!codes.iter().any(|code| code.ends_with("_disagrees")), "{codes:?}");
+    }
+}
+
+#[test]
+fn a_lens_that_moves_alone_is_recognised_and_leaves_the_distance_unknown() {
+    let (rig, target) = with_target(rig(0.6, CaptureMode::LensAlone));
+    let calibration = measured(&rig, &target, &options(&rig, &target));
+    assert_eq!(calibration.capture_mode, Some(CaptureMode::LensAlone), "{:?}", calibration.report.capture);
+    assert_eq!(calibration.report.camera.principal_distance_mm, None);
+}
+
+#[test]
+fn a_wrong_focal_length_is_named_and_the_verdict_says_so() {
+    let (rig, target) = with_target(rig(1.0, CaptureMode::MovingLens));
+    let wrong = CalibrationOptions { focal_mm: Some(100.0), ..options(&rig, &target) };
+    let calibration = measured(&rig, &target, &wrong);
+    let finding = super::rig::sentence(&calibration, "focal_length_disagrees");
+    assert!(finding.starts_with("focal_mm is 100,"), "{finding}");
+    assert!(calibration.verdict.ends_with("; see focal_length_disagrees"), "{}", calibration.verdict);
+    assert!(is_near(calibration.report.camera.principal_distance_mm, rig.lens().principal_distance()));
+}
