@@ -19,7 +19,13 @@ pub(super) struct Camera {
     pub focal_mm: f64,
     /// Size of a pixel, mm.
     pub pixel_mm: f64,
+    /// Relative standard deviation of the principal distance; `None` when it is not stated.
+    pub sigma: Option<f64>,
 }
+
+/// Relative standard deviation from which a principal distance is only a start: a bundle adjustment of a whole scan
+/// finds it to about as much.
+const FIXED: f64 = 0.005;
 
 impl Camera {
     /// The camera of a scan; `None` when the profile lacks the principal distance or the pixel pitch.
@@ -35,6 +41,7 @@ impl Camera {
             size: [scan.width, scan.height].map(f64::from),
             focal_mm: intrinsics.principal_distance_mm,
             pixel_mm: intrinsics.pixel_pitch_mm,
+            sigma: intrinsics.principal_distance_sigma_mm.map(|sigma| sigma / intrinsics.principal_distance_mm),
         })
     }
 
@@ -51,6 +58,11 @@ impl Camera {
     /// The longer side, px.
     pub(super) fn longer_side(&self) -> f64 {
         self.size[0].max(self.size[1])
+    }
+
+    /// True when the principal distance is known so well that the program must not change it; otherwise it is a start.
+    pub(super) fn is_fixed(&self) -> bool {
+        self.sigma.is_some_and(|sigma| sigma < FIXED)
     }
 
     /// True when there is a distortion.

@@ -79,16 +79,19 @@ fn readme(bundle: &Bundle<'_>) -> String {
         ));
     }
     let camera = bundle.camera.as_ref().map(parameters);
-    let (fixed, refine) = match &camera {
+    let refined = u8::from(bundle.camera.is_some_and(|camera| !camera.is_fixed()));
+    let (given, refine) = match &camera {
         Some((model, parameters)) => (
             format!(
                 " \\\n    --ImageReader.camera_model {model} --ImageReader.camera_params {}",
                 joined(parameters, ",")
             ),
-            " \\\n    --Mapper.ba_refine_focal_length 0 --Mapper.ba_refine_principal_point 0 \\\n    \
-             --Mapper.ba_refine_extra_params 0",
+            format!(
+                " \\\n    --Mapper.ba_refine_focal_length {refined} --Mapper.ba_refine_principal_point 0 \\\n    \
+                 --Mapper.ba_refine_extra_params 0"
+            ),
         ),
-        None => (" \\\n    --ImageReader.camera_model SIMPLE_PINHOLE".to_owned(), ""),
+        None => (" \\\n    --ImageReader.camera_model SIMPLE_PINHOLE".to_owned(), String::new()),
     };
     let matcher = match bundle.poses {
         Some(_) => "colmap matches_importer --database_path database.db --match_list_path pairs.txt --match_type pairs",
@@ -98,7 +101,7 @@ fn readme(bundle: &Bundle<'_>) -> String {
         out,
         "Run in this folder (without a GPU, add --SiftExtraction.use_gpu 0 and --SiftMatching.use_gpu 0):\n\n\
          colmap feature_extractor --database_path database.db --image_path images{masks} \\\n    \
-         --ImageReader.single_camera 1{fixed}\n\
+         --ImageReader.single_camera 1{given}\n\
          {matcher}\n\
          mkdir -p model\n\
          colmap mapper --database_path database.db --image_path images --output_path model{refine}\n"
@@ -109,6 +112,13 @@ fn readme(bundle: &Bundle<'_>) -> String {
              point_triangulator --database_path database.db --image_path images \\\n    --input_path sparse/0 \
              --output_path triangulated\n",
         );
+        if refined == 1 {
+            out.push_str(
+                "mkdir -p refined\ncolmap bundle_adjuster --input_path triangulated --output_path refined \\\n    \
+                 --BundleAdjustment.refine_focal_length 1 --BundleAdjustment.refine_principal_point 0 \\\n    \
+                 --BundleAdjustment.refine_extra_params 0\n",
+            );
+        }
     }
     out
 }

@@ -1,4 +1,5 @@
-//! Meshroom (AliceVision): an SfM file with views, locked intrinsics and poses.
+//! Meshroom (AliceVision): an SfM file with views, intrinsics and poses. The intrinsics are locked if the focal length
+//! is known well.
 //!
 //! The file has version 1.2.8 of the format. Numbers are strings, and a rotation is stored column by column. The node
 //! CameraInit of Meshroom ignores the version and the poses, and copies the members of views and intrinsics that it
@@ -52,17 +53,18 @@ fn sfm(bundle: &Bundle<'_>) -> Value {
                 false => ("none", Vec::new()),
             };
             let focal = (camera.focal * camera.pixel_mm).to_string();
+            let [mode, locked] = if camera.is_fixed() { ["calibrated", "1"] } else { ["estimated", "0"] };
             let sensor = camera.size.map(|side| (side * camera.pixel_mm).to_string());
             json!({
                 "intrinsicId": INTRINSIC.to_string(), "width": width, "height": height,
                 "sensorWidth": sensor[0], "sensorHeight": sensor[1],
                 "serialNumber": format!("pinstack-{}", scan.name), "type": "pinhole",
-                "initializationMode": "calibrated", "focalLength": focal, "initialFocalLength": focal,
+                "initializationMode": mode, "focalLength": focal, "initialFocalLength": focal,
                 "pixelRatio": "1", "pixelRatioLocked": "1", "principalPoint": strings(camera.centre_by_middle()),
                 "distortionType": kind, "distortionInitializationMode": "calibrated",
                 "distortionParams": distortion, "undistortionType": "none", "undistortionParams": [],
-                "undistortionOffset": ["0", "0"], "scaleLocked": "1", "offsetLocked": "1", "distortionLocked": "1",
-                "locked": "1"
+                "undistortionOffset": ["0", "0"], "scaleLocked": locked, "offsetLocked": "1", "distortionLocked": "1",
+                "locked": locked
             })
         })
         .collect();
@@ -97,8 +99,9 @@ fn readme(bundle: &Bundle<'_>) -> String {
         false => "",
     };
     let version = if camera.is_distorted() { "2025.1 (2023.3 does not read the distortion)" } else { "2023.3" };
+    let locked = if camera.is_fixed() { "locked" } else { "its focal length free" };
     out.push_str(&format!(
-        "cameras.sfm lists the images with the camera, locked. It is for Meshroom {version} or newer. Meshroom needs \
+        "cameras.sfm lists the images with the camera, {locked}. It is for Meshroom {version} or newer. Meshroom needs \
          absolute paths; run in this folder:\n\nsed -i \"s|\\\"images/|\\\"$PWD/images/|\" cameras.sfm\n\
          meshroom_batch --input cameras.sfm --output mesh{masks}\n\n{dense}The node CameraInit takes no poses: those \
          of cameras.sfm are for the programs of AliceVision.\n\nFor images without cameras.sfm, the sensor is {} mm \

@@ -49,11 +49,17 @@ fn readme(bundle: &Bundle<'_>) -> String {
     if bundle.has_masks() {
         steps.push("File > Import > Import Masks: method \"From File\", template {filename}_mask.png, folder masks/.");
     }
-    if bundle.camera.is_some() {
-        steps.push(
-            "Tools > Camera Calibration: type Precalibrated, load calibration.xml, and fix all parameters under Fixed \
-             parameters.",
-        );
+    if let Some(camera) = &bundle.camera {
+        steps.push(match camera.is_fixed() {
+            true => {
+                "Tools > Camera Calibration: type Precalibrated, load calibration.xml, and fix all parameters under Fixed \
+                 parameters."
+            }
+            false => {
+                "Tools > Camera Calibration: type Precalibrated, load calibration.xml, and under Fixed parameters fix all but \
+                 f, so that the alignment refines it."
+            }
+        });
     }
     if bundle.poses.is_some() {
         steps.push(

@@ -64,6 +64,12 @@ fn readme(bundle: &Bundle<'_>) -> String {
             readme::views_have(missing)
         ));
     }
+    if bundle.camera.is_some_and(|camera| !camera.is_fixed()) {
+        out.push_str(
+            "nerfstudio does not refine the focal length. Where it is only a start, reconstruct the bundle for COLMAP first, \
+             and take its cameras.\n\n",
+        );
+    }
     out.push_str(match bundle.camera.is_some() && bundle.poses.is_some() {
         true => "transforms.json holds the camera, the poses, and masks if all views have one. Run in this folder:\n\nns-train nerfacto --data .\n",
         false => {

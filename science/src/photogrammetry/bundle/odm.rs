@@ -35,10 +35,10 @@ fn cameras(camera: &Camera) -> Value {
 fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "OpenDroneMap", "images/{name of the image}_mask.png");
     let (camera, fixed) = match bundle.camera {
-        Some(_) => (
+        Some(camera) => (
             "The camera is in opensfm/camera_models_overrides.json, where ODM finds it without an option; do not run with \
              --rerun-all, which deletes that folder. ",
-            " --use-fixed-camera-params",
+            if camera.is_fixed() { " --use-fixed-camera-params" } else { "" },
         ),
         None => ("", ""),
     };

@@ -75,16 +75,18 @@ fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "OpenMVG", "images/{name of the image}_mask.png");
     out.push_str(&readme::deep_images(bundle, "OpenMVG"));
     let (scene, begin, fixed) = match bundle.camera {
-        Some(_) => {
+        Some(camera) => {
+            let refined = if camera.is_fixed() { "NONE" } else { "ADJUST_FOCAL_LENGTH" };
             out.push_str("sfm_data.json lists the images with the camera and the poses. Run in this folder:\n\n");
-            ("sfm_data.json", String::new(), " \\\n    --refine_intrinsic_config NONE")
+            let option = format!(" \\\n    --refine_intrinsic_config {refined}");
+            ("sfm_data.json", String::new(), option)
         }
         None => {
             out.push_str("Run in this folder; the option -f is a guess of the focal length in px:\n\n");
             // 1.2 times the longer side, as programs assume where nothing is known
             let guess = f64::from(bundle.scan.width.max(bundle.scan.height)) * 1.2;
             let list = format!("openMVG_main_SfMInit_ImageListing -i images -o matches -f {guess:.0}\n");
-            ("matches/sfm_data.json", list, "")
+            ("matches/sfm_data.json", list, String::new())
         }
     };
     out.push_str(&format!(

@@ -1,6 +1,6 @@
 //! What the README of every bundle says.
 
-use super::entries::Bundle;
+use super::{camera::Camera, entries::Bundle};
 
 /// The beginning of the README: what the bundle holds, the camera, the poses.
 pub(super) fn begin(bundle: &Bundle<'_>, program: &str, masks: &str) -> String {
@@ -25,8 +25,8 @@ pub(super) fn begin(bundle: &Bundle<'_>, program: &str, masks: &str) -> String {
 fn camera(bundle: &Bundle<'_>) -> String {
     let Some(camera) = &bundle.camera else {
         return "Camera: unknown. The calibration profile lacks the principal distance or the pixel pitch, so the program \
-                has to estimate the focal length. At the narrow field of view of macro photography that is uncertain. Give \
-                the calibration focal_mm, target_pitch_mm and pixel_pitch_mm, and fuse the scan again.\n\n"
+                has to estimate the focal length. At the narrow field of view of macro photography that is uncertain. The \
+                report of the calibration says what would make it known; then fuse the scan again.\n\n"
             .to_owned();
     };
     let [cx, cy] = camera.centre_by_corner();
@@ -39,12 +39,33 @@ fn camera(bundle: &Bundle<'_>) -> String {
         false => "No lens distortion.\n".to_owned(),
     };
     format!(
-        "Camera: one for all views. Focal length {:.4} px ({:.4} mm at {:.6} mm per pixel): this is the distance from the \
-         lens to the sensor, not the focal length engraved on the lens. Principal point ({cx:.3}, {cy:.3}) px from the \
-         corner of the image ({centre}). {distortion}Keep these values fixed: a free focal length drifts by more than 1 % at \
-         such a narrow field of view.\n\n",
-        camera.focal, camera.focal_mm, camera.pixel_mm
+        "Camera: one for all views. Focal length {:.4} px ({:.4} mm at {:.6} mm per pixel): this is the principal distance of \
+         the pinhole camera, f (1 + M / P) with the pupil ratio P of the lens, and not the focal length f engraved on it. \
+         Principal point ({cx:.3}, {cy:.3}) px from the corner of the image ({centre}). {distortion}{}\n\n",
+        camera.focal,
+        camera.focal_mm,
+        camera.pixel_mm,
+        certainty(camera)
     )
+}
+
+/// How certain the focal length is, and so whether the program may change it.
+fn certainty(camera: &Camera) -> String {
+    match camera.sigma {
+        Some(sigma) if camera.is_fixed() => format!(
+            "The focal length is known to {:.2} %. Keep these values fixed: a free focal length drifts by more than that at \
+             such a narrow field of view.",
+            100.0 * sigma
+        ),
+        Some(sigma) => format!(
+            "The focal length is known to {:.0} % only, so it is a start: let the program refine it, and keep the others \
+             fixed. The report of the calibration says how to measure it.",
+            (100.0 * sigma).ceil()
+        ),
+        None => "How well the focal length is known is not stated in the profile, so it is a start: let the program refine it, \
+                 and keep the others fixed. A calibration, or principal_distance_sigma_mm of the profile, states it."
+            .to_owned(),
+    }
 }
 
 fn poses(bundle: &Bundle<'_>) -> String {

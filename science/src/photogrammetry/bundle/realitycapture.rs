@@ -24,6 +24,11 @@ fn joined(numbers: impl IntoIterator<Item = f64>) -> String {
     numbers.into_iter().map(|number| number.to_string()).collect::<Vec<_>>().join(" ")
 }
 
+/// The prior of the camera: RealityCapture refines an initial one, and keeps an exact one.
+fn prior_of(camera: &Camera) -> &'static str {
+    if camera.is_fixed() { "exact" } else { "initial" }
+}
+
 /// The focal length is for a picture 36 mm wide on its longer side; the principal point is relative to the middle, in
 /// units of that side.
 fn sidecar(camera: &Camera, pose: Option<&Pose>) -> String {
@@ -39,11 +44,12 @@ fn sidecar(camera: &Camera, pose: Option<&Pose>) -> String {
         )
     });
     let [k1, k2] = camera.radial;
+    let certainty = prior_of(camera);
     format!(
         "<x:xmpmeta xmlns:x=\"adobe:ns:meta/\">\n <rdf:RDF xmlns:rdf=\"http://www.w3.org/1999/02/22-rdf-syntax-ns#\">\n  \
          <rdf:Description xmlns:xcr=\"http://www.capturingreality.com/ns/xcr/1.1#\" xcr:Version=\"3\"{prior} \
          xcr:DistortionModel=\"brown3\" xcr:FocalLength35mm=\"{}\" xcr:Skew=\"0\" xcr:AspectRatio=\"1\" \
-         xcr:PrincipalPointU=\"{u}\" xcr:PrincipalPointV=\"{v}\" xcr:CalibrationPrior=\"exact\" \
+         xcr:PrincipalPointU=\"{u}\" xcr:PrincipalPointV=\"{v}\" xcr:CalibrationPrior=\"{certainty}\" \
          xcr:CalibrationGroup=\"1\" xcr:DistortionGroup=\"1\">\n{placed}   \
          <xcr:DistortionCoeficients>{k1} {k2} 0 0 0 0</xcr:DistortionCoeficients>\n  </rdf:Description>\n </rdf:RDF>\n\
          </x:xmpmeta>\n",
@@ -55,7 +61,11 @@ fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "RealityCapture", "images/{image}.mask.png");
     out.push_str(
         "Workflow > Inputs > Folder: images/. Masks and XMP sidecars beside the images are read with them. The sidecars \
-         hold the camera as an exact prior (one group for all views) and the poses as initial ones.\n",
+         hold the poses as initial ones",
     );
+    if let Some(camera) = &bundle.camera {
+        out.push_str(&format!(", and the camera as an {} prior (one group for all views)", prior_of(camera)));
+    }
+    out.push_str(".\n");
     out
 }

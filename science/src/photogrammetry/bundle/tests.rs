@@ -35,6 +35,7 @@ fn scan() -> BundleScan {
         intrinsics: Some(Intrinsics {
             principal_distance_px: 2712.5,
             principal_distance_mm: 120.55,
+            principal_distance_sigma_mm: Some(0.3),
             pixel_pitch_mm: 0.044_442_4,
             principal_point_px: Some([401.25, 271.75]),
             distortion: None,

@@ -75,3 +75,42 @@ fn without_a_camera_openmvg_lists_the_images_itself() {
     assert!(readme.contains("openMVG_main_SfMInit_ImageListing -i images -o matches -f 972\n"), "{readme}");
     assert!(readme.contains("-i matches/sfm_data.json") && !readme.contains("refine_intrinsic_config"), "{readme}");
 }
+
+#[test]
+fn a_focal_length_is_fixed_only_if_it_is_known_to_half_a_percent() {
+    let with = |layout, sigma| {
+        let mut scan = scan();
+        let camera = scan.intrinsics.as_mut().expect("known");
+        camera.principal_distance_sigma_mm = sigma;
+        plan(layout, &scan).expect("a bundle")
+    };
+    // the file, and what it holds with a fixed focal length and with a start
+    for (layout, file, fixed, start) in [
+        (Layout::Colmap, "README.txt", "ba_refine_focal_length 0", "ba_refine_focal_length 1"),
+        (Layout::Metashape, "README.txt", "fix all parameters", "fix all but f"),
+        (Layout::Meshroom, "cameras.sfm", "\"scaleLocked\": \"1\"", "\"scaleLocked\": \"0\""),
+        (
+            Layout::Realitycapture,
+            "images/pan000_tilt00.xmp",
+            "CalibrationPrior=\"exact\"",
+            "CalibrationPrior=\"initial\"",
+        ),
+        (Layout::Odm, "README.txt", "scan --use-fixed-camera-params\n", "scan\n"),
+        (Layout::Openmvg, "README.txt", "refine_intrinsic_config NONE", "refine_intrinsic_config ADJUST_FOCAL_LENGTH"),
+        (Layout::Nerfstudio, "README.txt", "Keep these values fixed", "nerfstudio does not refine"),
+    ] {
+        for (sigma, is_fixed) in [(Some(0.6), true), (Some(0.61), false), (Some(12.0), false), (None, false)] {
+            let entries = with(layout, sigma);
+            let files = texts(&entries);
+            let (word, other) = if is_fixed { (fixed, start) } else { (start, fixed) };
+            assert!(
+                files[file].contains(word) && !files[file].contains(other),
+                "{layout:?} {sigma:?}: {}",
+                files[file]
+            );
+            let readme = files["README.txt"];
+            assert_eq!(readme.contains("Keep these values fixed"), is_fixed, "{layout:?} {sigma:?}: {readme}");
+            assert_eq!(readme.contains("it is a start"), !is_fixed, "{layout:?} {sigma:?}: {readme}");
+        }
+    }
+}
