@@ -8,6 +8,7 @@ use uuid::Uuid;
 use pinstack_science::types::{
     Warning,
     profile::{CaptureMode, HomographyModel},
+    pupils::{PrincipalDistanceSource, Pupils},
 };
 
 use super::{
@@ -56,8 +57,14 @@ pub struct ProfileSummary {
     pub pixel_pitch_mm: Option<f64>,
     /// What moves between slices.
     pub capture_mode: Option<CaptureMode>,
-    /// Distance from the lens to the sensor in the reference slice, mm.
+    /// Principal distance of the reference slice, mm.
     pub principal_distance_mm: Option<f64>,
+    /// What it is known from; null when it was not stated.
+    #[serde(default)]
+    pub principal_distance_source: Option<PrincipalDistanceSource>,
+    /// What is known of the two pupils of the lens.
+    #[serde(flatten)]
+    pub pupils: Pupils,
     /// The same in px, called focal length in photogrammetry; null unless `pixel_pitch_mm` is known.
     pub principal_distance_px: Option<f64>,
     /// Where the optical axis meets the reference slice, `[x, y]` px.
@@ -90,6 +97,8 @@ impl From<&Profile> for ProfileSummary {
             pixel_pitch_mm: input.pixel_pitch_mm,
             capture_mode: input.capture_mode,
             principal_distance_mm: input.principal_distance_mm,
+            principal_distance_source: input.principal_distance_source,
+            pupils: input.pupils,
             principal_distance_px: profile.principal_distance_px,
             principal_point_px: input.principal_point_px,
             magnification: input.magnification,

@@ -50,10 +50,13 @@ pub const STACK: [Rule<StackOptions>; 12] = [
 ];
 
 /// The options of a calibration that have a range.
-pub const CALIBRATION: [Rule<CalibrationOptions>; 5] = [
+pub const CALIBRATION: [Rule<CalibrationOptions>; 8] = [
     Rule { name: "target_pitch_mm", range: Range::Number(1e-4, 1000.0), value: |o| o.target_pitch_mm },
     Rule { name: "pixel_pitch_mm", range: Range::Number(1e-5, 1.0), value: |o| o.pixel_pitch_mm },
     Rule { name: "focal_mm", range: Range::Number(0.1, 10_000.0), value: |o| o.focal_mm },
+    Rule { name: "pupil_ratio", range: Range::Number(0.05, 20.0), value: |o| o.pupil_ratio },
+    Rule { name: "target_advance_mm", range: Range::Magnitude(1e-3, 1000.0), value: |o| o.target_advance_mm },
+    Rule { name: "moved_target_pitch_px", range: Range::Number(1.0, 65_535.0), value: |o| o.moved_target_pitch_px },
     Rule { name: "rail_step_mm", range: Range::Magnitude(1e-6, 1000.0), value: |o| o.rail_step_mm },
     Rule { name: "note", range: Range::Characters(4000), value: |o| characters(o.note.as_ref()) },
 ];
@@ -90,6 +93,11 @@ pub fn check_calibration(options: &CalibrationOptions) -> Result<(), Fault> {
     if positions.iter().any(|z| !RAIL_MM.contains(z)) || (!positions.is_empty() && options.rail_step_mm.is_some()) {
         let rule = "must be numbers from -1000000 to 1000000 and cannot be combined with rail_step_mm";
         found.push(violation("rail_positions_mm", rule));
+    }
+    let is_moved = options.moved_target.is_some() || options.moved_target_pitch_px.is_some();
+    if is_moved != options.target_advance_mm.is_some() {
+        let rule = "and moved_target belong together: give the calibration with the moved target, and by how much it was nearer";
+        found.push(violation("target_advance_mm", rule));
     }
     Fault::refuse(found)
 }

@@ -123,6 +123,8 @@ fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> Profil
         capture_mode: measured.capture_mode,
         note: request.options.note.clone(),
         principal_distance_mm: measured.report.camera.principal_distance_mm,
+        principal_distance_source: Some(measured.report.camera.source),
+        pupils: measured.report.camera.pupils,
         magnification: measured.magnification,
         distortion: measured.distortion,
         lateral_colour: measured.lateral_colour,

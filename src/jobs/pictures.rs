@@ -168,8 +168,8 @@ pub(super) fn dropped_focal_length(source: &Metadata, profile: &ProfileInput) ->
         Warning::new(
             WarningCode::FocalLengthDropped,
             "the slices carry the focal length of the lens, but the image does not: photogrammetry needs the principal \
-             distance f (1 + M), which the profile lacks; calibrate with focal_mm, target_pitch_mm and pixel_pitch_mm, or PUT \
-             the profile with principal_distance_mm and pixel_pitch_mm",
+             distance, which the profile lacks; the report of the calibration says what would make it known, or PUT the \
+             profile with principal_distance_mm and pixel_pitch_mm",
         )
     })
 }

@@ -69,7 +69,18 @@ pub fn optics_digest(input: &ProfileInput) -> String {
         None => 0,
         Some(CaptureMode::FixedLens) => 1,
         Some(CaptureMode::MovingLens) => 2,
+        Some(CaptureMode::LensAlone) => 3,
     }]);
+    // profiles without these keep the digest of versions that did not know them
+    let pupils = input.pupils.numbers();
+    if input.principal_distance_source.is_some() || pupils.iter().any(|(_, number, _)| number.is_some()) {
+        hash.update(b"pupils 1\0");
+        for (_, number, _) in pupils {
+            hash.update([u8::from(number.is_some())]);
+            hash.update((number.unwrap_or_default() + 0.0).to_le_bytes());
+        }
+        hash.update([input.principal_distance_source.map_or(0, |source| source as u8 + 1)]);
+    }
     hex(&hash.finalize())
 }
 
@@ -134,7 +145,11 @@ pub fn digests_of(mut reader: impl Read) -> io::Result<FileDigests> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pinstack_science::types::{Homography, lateral_colour::ColourDisplacement};
+    use pinstack_science::types::{
+        Homography,
+        lateral_colour::ColourDisplacement,
+        pupils::{PrincipalDistanceSource, Pupils},
+    };
 
     fn input() -> ProfileInput {
         ProfileInput {
@@ -179,6 +194,11 @@ mod tests {
             ProfileInput { rail_positions_mm: Some(vec![320.0, 240.0]), ..input() },
             ProfileInput { capture_mode: Some(CaptureMode::FixedLens), ..input() },
             ProfileInput { capture_mode: Some(CaptureMode::MovingLens), ..input() },
+            ProfileInput { capture_mode: Some(CaptureMode::LensAlone), ..input() },
+            ProfileInput { principal_distance_source: Some(PrincipalDistanceSource::CameraRail), ..input() },
+            ProfileInput { principal_distance_source: Some(PrincipalDistanceSource::Unknown), ..input() },
+            ProfileInput { pupils: Pupils { pupil_ratio: Some(1.5), ..Pupils::default() }, ..input() },
+            ProfileInput { pupils: Pupils { exit_pupil_distance_mm: Some(1.5), ..Pupils::default() }, ..input() },
         ];
         let mut digests: Vec<String> = changed.iter().map(optics_digest).collect();
         digests.push(base);

@@ -5,6 +5,7 @@ mod access;
 mod app;
 mod bad_requests;
 mod browsers;
+mod camera;
 mod configuration;
 mod connections;
 mod disk_budget;

@@ -189,6 +189,7 @@ fn colmap_reads_the_model_of_a_bundle() {
         intrinsics: Some(Intrinsics {
             principal_distance_px: 2712.5,
             principal_distance_mm: 120.55,
+            principal_distance_sigma_mm: Some(0.12),
             pixel_pitch_mm: 0.044_442_4,
             principal_point_px: None,
             distortion: None,

@@ -98,19 +98,32 @@ fn camera(keys: &[(Name, Name)]) -> Markup {
                     input id="lens" name="lens" list="lenses" required autocomplete="off" spellcheck="false" value=[only(&lenses)];
                     datalist id="lenses" { @for lens in &lenses { option value=(lens) {} } }
                 }
-                div.short data-for="calibration" hidden {
-                    label for="target_pitch_mm" { "Dot pitch, mm" }
-                    input id="target_pitch_mm" name="target_pitch_mm" inputmode="decimal" autocomplete="off";
-                }
-                div.short data-for="calibration" hidden {
-                    label for="pixel_pitch_mm" { "Pixel pitch, mm" }
-                    input id="pixel_pitch_mm" name="pixel_pitch_mm" inputmode="decimal" autocomplete="off";
+                @for (name, label) in CALIBRATION {
+                    div.short data-for="calibration" hidden {
+                        label for=(name) { (label) }
+                        input id=(name) name=(name) autocomplete="off";
+                    }
                 }
             }
-            p.hint data-for="calibration" hidden { "With both pitches the profile knows the magnification. They may stay empty." }
+            p.hint data-for="calibration" hidden {
+                "All may stay empty. With both pitches the profile knows the magnification. With the rail step, counted \
+                 towards the object, it also knows the camera if the rail moves it. If the rail moves the sensor alone, \
+                 calibrate first with the target nearer to the lens, and then here with the id of that calibration and by \
+                 how much it was nearer; or give the pupil ratio."
+            }
         }
     }
 }
+
+/// The options of a calibration that the form has: name and label.
+const CALIBRATION: [(&str, &str); 6] = [
+    ("target_pitch_mm", "Dot pitch, mm"),
+    ("pixel_pitch_mm", "Pixel pitch, mm"),
+    ("rail_step_mm", "Rail step, mm"),
+    ("pupil_ratio", "Pupil ratio"),
+    ("moved_target", "Calibration with the target nearer"),
+    ("target_advance_mm", "Nearer by, mm"),
+];
 
 fn view(scans: &[(Name, Name, Name)]) -> Markup {
     html! {

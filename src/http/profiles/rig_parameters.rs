@@ -10,18 +10,29 @@ use crate::{
         extract::{Conditional, ProfileKey, Sent, json},
     },
 };
-use pinstack_science::types::{profile::HomographyModel, rig_parameters::RigParameters};
+use pinstack_science::types::{Warning, WarningCode, profile::HomographyModel, rig_parameters::RigParameters};
+
+fn assumed() -> Warning {
+    Warning::new(
+        WarningCode::PupilRatioAssumed,
+        "pupil_ratio is not given, so 1 is assumed, which few macro lenses have: between 0.6 and 1.8 the principal distance \
+         is wrong by up to 45 %; give the ratio of the diameters of exit and entrance pupil, or calibrate",
+    )
+}
 
 /// Compute a profile from rig parameters
 ///
-/// Computes homographies and gains from focal length `f`, magnification `M` and rail positions, for rigs without a dot
-/// target. Rail positions increase towards the object: with `fixed_lens` the sensor then moves towards the lens and the
-/// image shrinks; with `moving_lens` the camera moves towards the object and the image grows.
+/// Computes homographies and gains from focal length `f`, magnification `M`, pupil ratio `P` and rail positions, for
+/// rigs without a dot target. Rail positions increase towards the object: with `fixed_lens` the sensor then moves
+/// towards the lens and the image shrinks; with `moving_lens` the camera, and with `lens_alone` the lens, moves towards
+/// the object and the image grows.
 ///
-/// `fixed_lens`: the scale of a slice at distance `dz` from the reference is `s = d2 / (d2 - dz)` with `d2 = f (1 +
-/// M)`, exact for all depths. `moving_lens`: `s = (d1 - dz) / d1` with `d1 = f (1 + 1/M)`, exact for the plane in focus
-/// in the reference slice; parallax remains for other depths. Real lenses differ from their nominal values; a
-/// calibration measures them. The response is that of `PUT`.
+/// The size of the image at distance `dz` from the reference is `1 - dz / E` with `fixed_lens`, `1 / (1 - dz / D)` with
+/// `moving_lens`, and `(1 + dz / E) / (1 - dz / D)` with `lens_alone`, where `E = f (M + P)` and `D = f (1/M + 1/P)`.
+/// The first is exact for all depths, the others for the plane in focus in the reference slice; parallax remains for
+/// other depths. The principal distance is `E / P`. Without `pupil_ratio`, 1 is assumed, and the response has the
+/// warning `pupil_ratio_assumed`. Real lenses differ from their nominal values; a calibration measures them. The
+/// response is that of `PUT`.
 #[utoipa::path(
     post,
     path = "/v1/profiles/{rig}/{lens}/rig-parameters",
@@ -54,6 +65,7 @@ pub async fn rig_parameters(State(app): State<App>, key: Conditional<ProfileKey>
     let condition = key.precondition(&app).await?;
     let parameters: RigParameters =
         json::parse(&json::read(&app, &sent.headers, sent.body).await?, Code::InvalidProfile)?;
-    let draft = write::draft(parameters.profile()?, HomographyModel::RigParameters, Vec::new());
+    let warnings = if parameters.pupil_ratio.is_none() { vec![assumed()] } else { Vec::new() };
+    let draft = write::draft(parameters.profile()?, HomographyModel::RigParameters, warnings);
     write::store(&app, &key, &draft, condition).await
 }

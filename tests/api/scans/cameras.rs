@@ -13,6 +13,7 @@ fn pinhole(principal_distance_mm: f64, principal_point_px: [f64; 2]) -> Option<I
     Some(Intrinsics {
         principal_distance_px: principal_distance_mm / pixel_pitch_mm,
         principal_distance_mm,
+        principal_distance_sigma_mm: None,
         pixel_pitch_mm,
         principal_point_px: Some(principal_point_px),
         distortion: None,

@@ -79,6 +79,7 @@ impl Setup {
         let mode = match self.rig.mode {
             CaptureMode::FixedLens => "fixed_lens",
             CaptureMode::MovingLens => "moving_lens",
+            CaptureMode::LensAlone => "lens_alone",
         };
         let path = format!(
             "/v1/profiles/rig/lens/calibrations?capture_mode={mode}&focal_mm={}&pixel_pitch_mm={}&target_pitch_mm={}",
@@ -91,7 +92,7 @@ impl Setup {
         assert_eq!(made["state"], "succeeded", "{made}");
         let profile = server.curl(&[], "/v1/profiles/rig/lens");
         let distance = profile["principal_distance_mm"].as_f64().expect("the distance from the lens to the sensor");
-        let expected = self.rig.sensor_distance(self.rig.reference);
+        let expected = self.rig.principal_distance(self.rig.reference);
         assert!((distance / expected - 1.0).abs() < 1e-3, "{distance} mm, truly {expected} mm");
     }
 
@@ -154,7 +155,7 @@ impl Setup {
 
     /// Writes all of a bundle for COLMAP but the pictures: README, camera, pairs of views; makes the folders for them.
     pub fn write_bundle(&self, folder: &Path) {
-        let distance_mm = self.rig.sensor_distance(self.rig.reference);
+        let distance_mm = self.rig.principal_distance(self.rig.reference);
         let view = |&angles: &ViewAngles| BundleView {
             stem: angles.file_stem(),
             extension: "png".into(),
@@ -169,6 +170,7 @@ impl Setup {
             intrinsics: Some(Intrinsics {
                 principal_distance_px: distance_mm / self.rig.pixel_pitch_mm,
                 principal_distance_mm: distance_mm,
+                principal_distance_sigma_mm: Some(1e-3 * distance_mm),
                 pixel_pitch_mm: self.rig.pixel_pitch_mm,
                 principal_point_px: None,
                 distortion: None,

@@ -136,7 +136,7 @@ impl Scan<'_> {
             grade,
             worst_corner_px,
             principal_distance_mm,
-            true_principal_distance_mm: setup.rig.sensor_distance(setup.rig.reference),
+            true_principal_distance_mm: setup.rig.principal_distance(setup.rig.reference),
             views: figures,
             outliers,
             knocked,

@@ -76,7 +76,7 @@ impl Setup {
 
     /// The scan as an ideal camera would have taken it, for a bundle with the true camera and poses.
     pub(super) fn ideal(&self) -> BundleScan {
-        let distance_mm = self.rig.sensor_distance(self.rig.reference);
+        let distance_mm = self.rig.principal_distance(self.rig.reference);
         let view = |&angles: &ViewAngles| BundleView {
             stem: angles.file_stem(),
             extension: "png".into(),
@@ -91,6 +91,7 @@ impl Setup {
             intrinsics: Some(Intrinsics {
                 principal_distance_px: distance_mm / self.rig.pixel_pitch_mm,
                 principal_distance_mm: distance_mm,
+                principal_distance_sigma_mm: Some(0.0),
                 pixel_pitch_mm: self.rig.pixel_pitch_mm,
                 principal_point_px: None,
                 distortion: None,

@@ -105,9 +105,9 @@ function table(views) {
 /** The values of the form as they are sent. */
 function described() {
   const value = (name) => (form.elements[name]?.closest('[hidden]') ? '' : form.elements[name]?.value.trim() ?? '');
-  const numbers = ['pan_deg', 'tilt_deg', 'target_pitch_mm', 'pixel_pitch_mm'];
+  const numbers = ['pan_deg', 'tilt_deg', 'target_pitch_mm', 'pixel_pitch_mm', 'rail_step_mm', 'pupil_ratio', 'target_advance_mm'];
   const options = {};
-  for (const name of ['label', ...numbers]) {
+  for (const name of ['label', 'moved_target', ...numbers]) {
     const text = value(name);
     if (text) options[name] = numbers.includes(name) ? Number(text.replace(',', '.')) : text;
     if (Number.isNaN(options[name])) throw new Error(`${form.querySelector(`label[for=${name}]`).textContent}: “${text}” is not a number`);

@@ -103,36 +103,36 @@ fn capture(report: &CalibrationReport) -> String {
 }
 
 fn principal_distance(camera: &CameraReport) -> String {
-    let known = match (camera.principal_distance_mm, camera.principal_distance_px) {
-        (Some(mm), Some(px)) => format!("{} mm = {} px", number(mm, 3), number(px, 1)),
-        (Some(mm), None) => format!("{} mm", number(mm, 3)),
-        (None, Some(px)) => format!("{} px", number(px, 1)),
-        (None, None) => "Not known".to_owned(),
+    let pupils = &camera.pupils;
+    let with_sigma = |value: f64, sigma: Option<f64>, unit: &str| {
+        sigma.map_or_else(
+            || format!("{}{unit}", significant(value, 5)),
+            |sigma| format!("{} ± {}{unit}", number(value, 3), significant(sigma, 2)),
+        )
     };
-    let check = match (camera.cross_check_mm, camera.principal_distance_mm) {
-        (Some(other), Some(mm)) if mm > 0.0 => {
-            format!("; cross-check {} mm ({} %)", number(other, 3), signed(100.0 * (other / mm - 1.0), 1))
-        }
-        (Some(other), _) => format!("; cross-check {} mm", number(other, 3)),
-        (None, _) => String::new(),
+    let px = camera.principal_distance_px.map(|px| format!(" = {} px", number(px, 1))).unwrap_or_default();
+    let known = match camera.principal_distance_mm {
+        Some(mm) => with_sigma(mm, pupils.principal_distance_sigma_mm, " mm") + &px,
+        None => "Not known".to_owned(),
     };
-    let mut given = Vec::new();
-    if let Some(focal) = camera.focal_mm {
-        given.push(format!("specified focal length {} mm", significant(focal, 4)));
-    }
-    if let Some(pitch) = camera.pixel_pitch_mm {
-        given.push(format!("specified pixel pitch {} mm", significant(pitch, 4)));
-    }
-    let given = match given.is_empty() {
+    let (exit, entrance) = (pupils.exit_pupil_distance_mm, pupils.entrance_pupil_distance_mm);
+    let lens = [
+        ("exit pupil to sensor", exit, pupils.exit_pupil_distance_sigma_mm, " mm"),
+        ("entrance pupil to the plane in focus", entrance, pupils.entrance_pupil_distance_sigma_mm, " mm"),
+        ("pupil ratio", pupils.pupil_ratio, pupils.pupil_ratio_sigma, ""),
+        ("measured focal length", camera.measured_focal_mm, None, " mm"),
+        ("specified focal length", camera.focal_mm, None, " mm"),
+        ("specified pixel pitch", camera.pixel_pitch_mm, None, " mm"),
+    ];
+    let lens: Vec<String> = lens
+        .into_iter()
+        .filter_map(|(name, value, sigma, unit)| Some(format!("{name} {}", with_sigma(value?, sigma, unit))))
+        .collect();
+    let lens = match lens.is_empty() {
         true => String::new(),
-        false => format!("<small>{}</small>", sentence(&given.join("; "))),
+        false => format!("<small>{}</small>", sentence(&lens.join("; "))),
     };
-    format!("{known}{check}<small>{}</small>{given}", escape(&sentence(&camera.detail)))
-}
-
-fn signed(value: f64, decimals: usize) -> String {
-    let text = number(value, decimals);
-    if value > 0.0 { format!("+{text}") } else { text }
+    format!("{known}<small>{}</small>{lens}", escape(&sentence(&camera.detail)))
 }
 
 fn principal_point(camera: &CameraReport) -> String {
@@ -177,6 +177,7 @@ fn mode(mode: CaptureMode) -> &'static str {
     match mode {
         CaptureMode::FixedLens => "The lens is fixed and the sensor moves",
         CaptureMode::MovingLens => "Camera and lens move together",
+        CaptureMode::LensAlone => "The lens moves alone",
     }
 }
 

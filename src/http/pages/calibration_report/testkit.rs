@@ -4,6 +4,7 @@
 use pinstack_science::types::{
     Warning, WarningCode,
     profile::{CaptureMode, HomographyModel},
+    pupils::{PrincipalDistanceSource, Pupils},
     report::{
         CalibrationReport, CameraReport, CaptureReport, DotReport, Drift, Grade, ModelCandidate, RailReport,
         SliceReport, TargetReport,
@@ -78,13 +79,18 @@ pub(super) fn report(count: usize) -> CalibrationReport {
         camera: CameraReport {
             principal_distance_mm: Some(59.52),
             principal_distance_px: Some(13_227.0),
-            cross_check_mm: Some(59.88),
+            source: PrincipalDistanceSource::MovedTarget,
+            pupils: Pupils {
+                principal_distance_sigma_mm: Some(0.083),
+                exit_pupil_distance_mm: Some(71.424),
+                pupil_ratio: Some(1.2),
+                ..Pupils::default()
+            },
+            measured_focal_mm: None,
             principal_point_px: Some(FIXED),
             pixel_pitch_mm: Some(0.0045),
             focal_mm: Some(46.0),
-            detail:
-                "from the growth of the image per mm of rail; checked against the focal length and the magnification"
-                    .into(),
+            detail: "measured with the moved target".into(),
         },
         slices: slices(count, reference),
     }

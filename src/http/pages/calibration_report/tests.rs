@@ -67,7 +67,7 @@ fn the_sections_are_in_order_from_the_verdict_to_the_table_of_all_values() {
     assert!(html.contains("2 outliers") && html.contains("enlarged 500 times"), "the enlargement is stated");
     assert!(html.contains(">limit</text>") && html.contains(">0.3 px</text>"), "limits are drawn");
     assert!(html.contains("href=\"overlay?slice=12\"") && html.contains("✓ chosen"));
-    assert!(html.contains("59.520 mm = 13227.0 px; cross-check 59.880 mm (+0.6 %)"));
+    assert!(html.contains("59.520 ± 0.083 mm = 13227.0 px") && html.contains("pupil ratio 1.2;"));
 }
 
 #[test]

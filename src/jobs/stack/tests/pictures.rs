@@ -127,12 +127,14 @@ fn what_the_profile_knows_of_the_camera_stands_beside_the_image() {
     let mut job = TestJob::stack(&front_zip(), StackOptions { crop, ..options() });
     let input = &mut job.context.profile.as_mut().expect("a profile").input;
     input.principal_distance_mm = Some(121.0);
+    input.pupils.principal_distance_sigma_mm = Some(0.2);
     input.pixel_pitch_mm = Some(0.05);
     input.principal_point_px = Some([118.5, 91.0]);
     let (_, outcome) = done(&job);
     let expected = Intrinsics {
         principal_distance_px: 2420.0,
         principal_distance_mm: 121.0,
+        principal_distance_sigma_mm: Some(0.2),
         pixel_pitch_mm: 0.05,
         principal_point_px: Some([98.5, 81.0]),
         distortion: None,

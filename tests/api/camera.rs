@@ -1,0 +1,77 @@
+//! The camera over HTTP: the calibration with the target moved, and the pupil ratio of rig parameters.
+
+use serde_json::{Value, json};
+
+use crate::app::{TestApp, id, problem, stack_zip};
+
+const POST: &str = "/v1/profiles/rig/lens/calibrations";
+
+#[tokio::test]
+async fn a_calibration_takes_the_dot_pitch_of_the_one_with_the_target_moved() {
+    let app = TestApp::start().await;
+    let near: Value =
+        app.post("/v1/profiles/rig/near/calibrations").body(stack_zip(2, 0)).send().await.unwrap().json().await.unwrap();
+    let near = id(&near);
+    let send = |slices: usize, query: String| app.post(&format!("{POST}?{query}")).body(stack_zip(slices, 0)).send();
+    let with_it = format!("target_advance_mm=5&moved_target={near}");
+
+    let early = problem(send(2, with_it.clone()).await.unwrap(), 400, "invalid_request").await;
+    assert!(early["detail"].as_str().unwrap().contains("has no succeeded calibration with this id"), "{early}");
+    let job = app.claim().await;
+    app.finish(&job).await;
+    let ended: Value = app.get(&format!("/v1/calibrations/{near}")).send().await.unwrap().json().await.unwrap();
+    let pitch = &ended["result"]["dot_pitch_px"];
+    let shown: Value = send(2, with_it.clone()).await.unwrap().json().await.unwrap();
+    assert!(pitch.is_f64(), "{ended}");
+    assert_eq!(&shown["options"]["moved_target_pitch_px"], pitch, "{shown}");
+    assert_eq!(shown["options"]["target_advance_mm"], 5.0);
+
+    let other = problem(send(5, with_it).await.unwrap(), 400, "invalid_request").await;
+    assert!(other["detail"].as_str().unwrap().contains("the same number of slices"), "{other}");
+    for query in ["target_advance_mm=5".to_owned(), format!("moved_target={near}")] {
+        let alone = problem(send(2, query).await.unwrap(), 400, "invalid_request").await;
+        assert!(alone.to_string().contains("belong together"), "{alone}");
+    }
+    let unknown = send(2, "target_advance_mm=5&moved_target=near".into()).await.unwrap();
+    problem(unknown, 400, "invalid_request").await;
+}
+
+#[tokio::test]
+async fn rig_parameters_use_the_pupil_ratio_and_say_when_it_is_assumed() {
+    let app = &TestApp::start().await;
+    let mut body = json!({
+        "image_width": 640, "image_height": 480, "slice_count": 3, "rail_step_mm": 0.5, "focal_mm": 65, "magnification": 1,
+        "pixel_pitch_mm": 0.01, "capture_mode": "fixed_lens"
+    });
+    let send = |body: Value| async move {
+        let answer = app.post("/v1/profiles/rig/lens/rig-parameters").json(&body).send().await.unwrap();
+        answer.json::<Value>().await.unwrap()
+    };
+    let assumed = send(body.clone()).await;
+    assert_eq!(assumed["warnings"][0]["code"], "pupil_ratio_assumed", "{assumed}");
+    assert_eq!(assumed["principal_distance_source"], "focal_length");
+    body["pupil_ratio"] = json!(1.6);
+    let given = send(body).await;
+    assert_eq!(given["warnings"], json!([]), "{given}");
+    // f (1 + M / P), f (M + P) and f (1 / M + 1 / P)
+    for (name, expected) in [
+        ("principal_distance_mm", 105.625),
+        ("exit_pupil_distance_mm", 169.0),
+        ("entrance_pupil_distance_mm", 105.625),
+        ("pupil_ratio", 1.6),
+    ] {
+        assert!((given[name].as_f64().unwrap() - expected).abs() < 1e-9, "{name}: {given}");
+    }
+    assert_eq!(given["principal_distance_source"], "pupil_ratio");
+    assert_eq!(given["principal_distance_sigma_mm"], Value::Null);
+
+    // a profile of an older version has none of the members, and is stored and read without them
+    let old = json!({
+        "image_width": 640, "image_height": 480, "reference_index": 0, "homographies": [[1, 0, 0, 0, 1, 0, 0, 0, 1],
+        [1, 0, 1, 0, 1, 0, 0, 0, 1]], "principal_distance_mm": 130, "pixel_pitch_mm": 0.01
+    });
+    let stored: Value =
+        app.put("/v1/profiles/rig/old").json(&old).send().await.unwrap().json().await.unwrap();
+    assert_eq!(stored["principal_distance_mm"], 130.0, "{stored}");
+    assert_eq!((&stored["principal_distance_source"], &stored["pupil_ratio"]), (&Value::Null, &Value::Null));
+}
