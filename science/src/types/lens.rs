@@ -66,16 +66,10 @@ impl Lens {
         Self { focal_mm, magnification, pupil_ratio }
     }
 
-    /// The same lens focused at another magnification.
-    #[must_use]
-    pub fn focused_at(self, magnification: f64) -> Self {
-        Self { magnification, ..self }
-    }
-
     /// The same lens with the sensor moved by `mm` away from it: `M' = M + mm / f`.
     #[must_use]
     pub fn with_sensor_moved(self, mm: f64) -> Self {
-        self.focused_at(self.magnification + mm / self.focal_mm)
+        Self { magnification: self.magnification + mm / self.focal_mm, ..self }
     }
 
     /// Front principal plane to the plane in focus: `f (1 + 1 / M)`.

@@ -135,6 +135,7 @@ fn moved_target(options: &CalibrationOptions, known: Known) -> Option<Estimate> 
     let (advance, nearer) = (options.target_advance_mm?, options.moved_target_pitch_px?);
     let [pitch, sigma] = known.pitch_px;
     let depth = advance / (1.0 - pitch / nearer);
-    let dots = std::f64::consts::SQRT_2 * sigma * (depth / advance).abs() * pitch / nearer;
+    // the moved target is less sharp: its pitch is taken to be three times as uncertain
+    let dots = 1_f64.hypot(3.0) * sigma * (depth / advance).abs() * pitch / nearer;
     Estimate::new(depth, [dots, RAIL, ADVANCE_MM / advance.abs()]).filter(|depth| depth.sigma < 0.3)
 }

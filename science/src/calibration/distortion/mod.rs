@@ -22,7 +22,7 @@ mod tests;
 use fit::{Coefficients, JointFit, View, fit, predict};
 
 use super::transform_models::{self, Frame, Match, TransformModel};
-use super::{detected::Detection, dlt, grade::Finding, solve::find_inliers, tracked::Tracked};
+use super::{detected::Detection, dlt, grade::Finding, lattice, solve::find_inliers, tracked::Tracked};
 use crate::types::{Cancelled, Control, Homography, WarningCode};
 use crate::types::{distortion::Distortion, report::Grade};
 
@@ -108,6 +108,7 @@ pub(super) fn straightened(mut tracked: Tracked, distortion: &Distortion) -> Tra
 fn straighten(detection: &mut Detection, distortion: &Distortion) {
     detection.dots.values_mut().for_each(|dot| dot.at = distortion.undistort(dot.at));
     detection.places.values_mut().for_each(|place| *place = distortion.undistort(*place));
+    detection.pitch = lattice::pitch_of(&detection.places);
 }
 
 /// The views of all slices but the reference: their inliers, as far as the distortion is known, at the positions where

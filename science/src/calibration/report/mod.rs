@@ -11,7 +11,7 @@ use super::findings::{self, Facts};
 use super::result::{Calibration, Dot, DotUse};
 use super::size_law::ScaleSample;
 use super::solve::{Solution, Solved};
-use super::{distortion::LensAnalysis, grade::Finding, tracked::Tracked};
+use super::{detected::Detection, distortion::LensAnalysis, grade::Finding, statistics::median_of, tracked::Tracked};
 use crate::imaging::Slices;
 use crate::types::report::CalibrationReport;
 use crate::types::{Warning, calibration_options::CalibrationOptions, profile::ProfileSlice};
@@ -35,7 +35,8 @@ pub(super) fn report(
     let [width, height] = tracked.size();
     let reference = solution.reference;
     let profile = profile_slices(&solution, tracked);
-    let pitch = tracked.detections[reference].as_ref().map_or(0.0, |s| s.pitch);
+    let base = tracked.detections[reference].as_ref();
+    let pitch = base.map_or(0.0, |s| s.pitch);
     let magnification = match (options.pixel_pitch_mm, options.target_pitch_mm) {
         (Some(pixel), Some(target)) if target > 0.0 => Some(pitch * pixel / target),
         _ => None,
@@ -51,7 +52,7 @@ pub(super) fn report(
         magnification,
         sizes: if in_mm { &sizes } else { &[] },
         capture: capture_mode,
-        pitch_px: [pitch, least_sigma],
+        pitch_px: [pitch, base.map_or(0.0, pitch_sigma).max(least_sigma)],
     };
     let (camera, contradictions) = camera::camera(options, known);
     let facts = Facts {
@@ -114,6 +115,12 @@ fn profile_slices(solution: &Solution, tracked: &Tracked) -> Vec<ProfileSlice> {
         ..ProfileSlice::given(index as u32, s.estimate.homography, s.gain.value, width, height)
     };
     solution.slices.iter().enumerate().map(slice).collect()
+}
+
+/// Relative standard deviation of the pitch, which is the median of the distances between neighbouring dots.
+fn pitch_sigma(detection: &Detection) -> f64 {
+    let dots = &detection.dots;
+    1.25 * median_of(dots.values().map(|dot| dot.sigma)) / (detection.pitch * (dots.len() as f64).sqrt())
 }
 
 /// Sizes of the target in the measured slices, relative to the reference slice and its position.

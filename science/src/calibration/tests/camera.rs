@@ -18,10 +18,10 @@ fn rig(pupil_ratio: f64, mode: CaptureMode) -> Rig {
     Rig { mode, rail_mm: (-4..=4).map(|i| sign * reach * f64::from(i) / 4.0).collect(), ..base }
 }
 
-/// The target, with an aperture that blurs it by up to 0.3 pitches.
+/// The target, with an aperture that blurs it by up to 0.1 pitches.
 fn with_target(rig: Rig) -> (Rig, DotTarget) {
     let target = DotTarget::for_rig(&rig, 16);
-    (super::rig::blurred(rig, &target, 0.3), target)
+    (super::rig::blurred(rig, &target, 0.1), target)
 }
 
 fn options(rig: &Rig, target: &DotTarget) -> CalibrationOptions {
@@ -67,13 +67,13 @@ fn a_rail_of_the_sensor_measures_it_with_a_moved_target_and_says_unknown_without
         assert!(is_near(camera.pupils.exit_pupil_distance_mm, lens.exit_pupil_distance()), "{camera:?}");
         assert!(calibration.verdict.contains("principal distance not known"), "{}", calibration.verdict);
 
-        // nearer: in focus in the second slice
-        let near = DotTarget { depth: Some(rig.focus_fraction(1)), ..target.clone() };
-        let distance = |fraction: f64| rig.object_distance(fraction);
+        // nearer than what is in focus in the first slice, and blurred by up to 0.4 pitches
+        let near = DotTarget { depth: Some(-1.0), ..target.clone() };
+        let advance = rig.object_distance(rig.focus_fraction(rig.reference)) - rig.object_distance(-1.0);
         let pitch = measured(&rig, &near, &alone).dot_pitch_px;
         let moved = CalibrationOptions {
             focal_mm: Some(65.0),
-            target_advance_mm: Some(distance(rig.focus_fraction(rig.reference)) - distance(rig.focus_fraction(1))),
+            target_advance_mm: Some(advance),
             moved_target_pitch_px: Some(pitch),
             ..alone
         };
@@ -101,10 +101,10 @@ fn a_lens_that_moves_alone_is_recognised_and_leaves_the_distance_unknown() {
 #[test]
 fn a_wrong_focal_length_is_named_and_the_verdict_says_so() {
     let (rig, target) = with_target(rig(1.0, CaptureMode::MovingLens));
-    let wrong = CalibrationOptions { focal_mm: Some(100.0), ..options(&rig, &target) };
+    let wrong = CalibrationOptions { focal_mm: Some(120.0), ..options(&rig, &target) };
     let calibration = measured(&rig, &target, &wrong);
     let finding = super::rig::sentence(&calibration, "focal_length_disagrees");
-    assert!(finding.starts_with("focal_mm is 100,"), "{finding}");
+    assert!(finding.starts_with("focal_mm is 120,"), "{finding}");
     assert!(calibration.verdict.ends_with("; see focal_length_disagrees"), "{}", calibration.verdict);
     assert!(is_near(calibration.report.camera.principal_distance_mm, rig.lens().principal_distance()));
 }
