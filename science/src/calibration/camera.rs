@@ -73,13 +73,11 @@ fn distance(
     }
     // where the two numbers that were specified contradict each other, either may be wrong
     let doubt = contradictions.iter().map(|c| c.doubt).fold(0.0, f64::max);
-    if let (Some(exit), Some(ratio)) = (measured.exit, options.pupil_ratio) {
-        return (Source::PupilRatio, Estimate::new(exit.value / ratio, [exit.sigma, RATIO, doubt]));
-    }
-    if let (Some(growth), Some(ratio)) = (measured.growth, options.pupil_ratio) {
-        let lens = measured.lens(ratio).map(|lens| lens.principal_distance());
-        let sigmas = [growth.sigma, PRINT, RATIO, doubt];
-        return (Source::PupilRatio, lens.and_then(|distance| Estimate::new(distance, sigmas)));
+    if let (Some(rail), Some(ratio)) = (measured.exit.or(measured.growth), options.pupil_ratio) {
+        let by_lens = || measured.lens(ratio).map(|lens| lens.principal_distance());
+        if let Some(distance) = measured.exit.map(|exit| exit.value / ratio).or_else(by_lens) {
+            return (Source::PupilRatio, Estimate::new(distance, [rail.sigma, RATIO, doubt]));
+        }
     }
     let by_focal = || {
         let (focal_mm, magnification) = (options.focal_mm?, m?.value);

@@ -44,8 +44,7 @@ pub(super) fn decide(
         .map(|growth| MODES.map(|(mode, _)| (growth < 0.0) == (mode == CaptureMode::FixedLens)));
     let both = [0, 1, 2].map(|n| if by_direction.is_none_or(|fits| fits[n]) { by_law[n] } else { 0.0 });
     let is_contradictory = certain(&by_law).is_some_and(|n| both[n] == 0.0);
-    let found = if law.is_none() && by_direction.is_none() { None } else { certain(&both) };
-    let found = found.filter(|_| !is_contradictory).map(|n| MODES[n].0);
+    let found = certain(&both).filter(|_| !is_contradictory).map(|n| MODES[n].0);
     let detail = match found {
         _ if is_contradictory => {
             "the law of the sizes and the direction of the rail disagree: check that rail positions are counted towards \

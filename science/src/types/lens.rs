@@ -2,16 +2,7 @@
 //!
 //! In: focal length `f`, magnification `M` of the plane in focus, pupil ratio `P` (diameter of the exit pupil over that
 //! of the entrance pupil), and what moves. Out: distances, sizes and blur. All lengths are mm, measured away from the
-//! lens.
-//!
-//! ```text
-//!  plane in focus          entrance pupil        exit pupil             sensor
-//!        |<--------- D --------->|                   |<------- E -------->|
-//!   h    |- - _ _                                                         |
-//!        |        - - _ _   h / D                                _ _ - - -| h M
-//!  ------+----------------- - - -)=== the lens ===(- - - - - - -----------+------
-//!        |                                             h / (D P)          |
-//! ```
+//! lens. `docs/METHOD.md` has a drawing.
 //!
 //! The chief ray of a point goes through the centres of both pupils. Blur discs are centred on it, so the picture is
 //! that of a pinhole camera whose centre is the entrance pupil. The slope of the chief ray behind the lens is `1 / P`

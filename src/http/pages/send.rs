@@ -106,10 +106,9 @@ fn camera(keys: &[(Name, Name)]) -> Markup {
                 }
             }
             p.hint data-for="calibration" hidden {
-                "All may stay empty. With both pitches the profile knows the magnification. With the rail step, counted \
-                 towards the object, it also knows the camera if the rail moves it. If the rail moves the sensor alone, \
-                 calibrate first with the target nearer to the lens, and then here with the id of that calibration and by \
-                 how much it was nearer; or give the pupil ratio."
+                "All may stay empty. With pitches and rail step (towards the object) a rail that moves the camera measures \
+                 the principal distance. If it moves the sensor, calibrate with the target nearer to the lens first, and \
+                 give the id of that calibration and by how much it was nearer; or give the pupil ratio."
             }
         }
     }

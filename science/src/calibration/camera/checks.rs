@@ -1,6 +1,6 @@
 //! What contradicts the measured camera: specified numbers, each with the value that would agree.
 
-use super::measured::{Known, Measured, RATIO};
+use super::measured::{Known, Measured, PRINT, RATIO};
 use crate::types::{WarningCode, calibration_options::CalibrationOptions, lens::PLAUSIBLE_PUPIL_RATIOS};
 
 /// Relative difference from which a specified number contradicts a measurement, where the standard deviations are
@@ -83,7 +83,8 @@ fn focal_length(options: &CalibrationOptions, measured: &Measured) -> Option<Con
         // how much of an error of the ratio goes into the focal length
         let step = 1e-4;
         let slope = (measured.lens(ratio * (1.0 + step))?.focal_mm / lens.focal_mm - 1.0) / step;
-        let sigma = measured.focal_sigma().hypot(slope * ratio_sigma);
+        let distance = measured.depth().or(measured.exit).or(measured.growth);
+        let sigma = distance.map_or(0.0, |distance| distance.sigma).hypot(PRINT).hypot(slope * ratio_sigma);
         if (given / lens.focal_mm - 1.0).abs() <= ROUNDED.max(3.0 * sigma) {
             return None;
         }

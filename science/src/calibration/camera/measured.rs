@@ -110,12 +110,6 @@ impl Measured {
         by_depth.or_else(by_exit).or_else(by_growth)
     }
 
-    /// Relative standard deviation of the focal length of [`Measured::lens`], beyond that of the ratio.
-    pub(super) fn focal_sigma(&self) -> f64 {
-        let distance = self.depth().or(self.exit).or(self.growth).map_or(0.0, |distance| distance.sigma);
-        distance.hypot(PRINT)
-    }
-
     /// The pupil ratio that a focal length implies.
     pub(super) fn ratio_of(&self, focal: f64) -> Option<f64> {
         let m = self.magnification?.value;

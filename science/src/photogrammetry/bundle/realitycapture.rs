@@ -24,11 +24,6 @@ fn joined(numbers: impl IntoIterator<Item = f64>) -> String {
     numbers.into_iter().map(|number| number.to_string()).collect::<Vec<_>>().join(" ")
 }
 
-/// The prior of the camera: RealityCapture refines an initial one, and keeps an exact one.
-fn prior_of(camera: &Camera) -> &'static str {
-    if camera.is_fixed() { "exact" } else { "initial" }
-}
-
 /// The focal length is for a picture 36 mm wide on its longer side; the principal point is relative to the middle, in
 /// units of that side.
 fn sidecar(camera: &Camera, pose: Option<&Pose>) -> String {
@@ -44,7 +39,8 @@ fn sidecar(camera: &Camera, pose: Option<&Pose>) -> String {
         )
     });
     let [k1, k2] = camera.radial;
-    let certainty = prior_of(camera);
+    // RealityCapture refines an initial prior, and keeps an exact one
+    let certainty = if camera.is_fixed() { "exact" } else { "initial" };
     format!(
         "<x:xmpmeta xmlns:x=\"adobe:ns:meta/\">\n <rdf:RDF xmlns:rdf=\"http://www.w3.org/1999/02/22-rdf-syntax-ns#\">\n  \
          <rdf:Description xmlns:xcr=\"http://www.capturingreality.com/ns/xcr/1.1#\" xcr:Version=\"3\"{prior} \
@@ -61,11 +57,8 @@ fn readme(bundle: &Bundle<'_>) -> String {
     let mut out = readme::begin(bundle, "RealityCapture", "images/{image}.mask.png");
     out.push_str(
         "Workflow > Inputs > Folder: images/. Masks and XMP sidecars beside the images are read with them. The sidecars \
-         hold the poses as initial ones",
+         hold the camera (one group for all views) as an exact prior if it is to be kept, otherwise as an initial one, and \
+         the poses as initial ones.\n",
     );
-    if let Some(camera) = &bundle.camera {
-        out.push_str(&format!(", and the camera as an {} prior (one group for all views)", prior_of(camera)));
-    }
-    out.push_str(".\n");
     out
 }

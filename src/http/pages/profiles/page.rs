@@ -63,12 +63,8 @@ fn facts(profile: &Profile) -> Markup {
             dt { "Size" } dd { (input.image_width) " × " (input.image_height) " px" }
             @if let Some(pitch) = input.pixel_pitch_mm { dt { "Pixel pitch" } dd { (pitch) " mm" } }
             @if let Some(distance) = input.principal_distance_mm {
-                dt { "Principal distance" }
-                dd {
-                    (format!("{distance:.3}"))
-                    @if let Some(sigma) = input.pupils.principal_distance_sigma_mm { " ± " (format!("{sigma:.3}")) }
-                    " mm"
-                }
+                @let sigma = input.pupils.principal_distance_sigma_mm.map(|sigma| format!(" ± {sigma:.3}"));
+                dt { "Principal distance" } dd { (format!("{distance:.3}")) (sigma.unwrap_or_default()) " mm" }
             }
             @if let Some(note) = &input.note { dt { "Note" } dd { (text(note)) } }
         }
