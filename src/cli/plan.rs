@@ -3,6 +3,7 @@
 use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 
+use super::output::say;
 use pinstack_science::{
     optics::{
         advice::advice,
@@ -101,9 +102,9 @@ impl Plan {
         };
         let plan = plan(&input).map_err(|error| anyhow!("{}", error.detail))?;
         if self.json {
-            println!("{}", serde_json::to_string_pretty(&plan)?);
+            say(serde_json::to_string_pretty(&plan)?);
         } else {
-            print!("{}", text(&plan));
+            say(text(&plan).trim_end());
         }
         Ok(())
     }

@@ -108,5 +108,7 @@ pub fn service(app: App) -> Router {
         .layer(from_fn(observe::requests))
         .layer(from_fn(trace::requests))
         .layer(from_fn(request_id::keep_or_make))
+        // what the layers above panic about
+        .layer(CatchPanicLayer::custom(problems::from_panic))
         .with_state(app)
 }

@@ -125,28 +125,31 @@ impl ProfileStore for Metadata {
     }
 
     async fn delete_profile(&self, rig: &Name, lens: &Name, condition: Precondition) -> StoreResult<DeleteProfile> {
-        let mut tx = self.write_alone(Lock::Profiles).await?;
-        let now = self.now(&mut *tx).await?;
-        let current = current_revision(&mut tx, rig, lens).await?;
-        if !condition.holds(current) {
-            return Ok(DeleteProfile::PreconditionFailed(current));
-        }
-        if current.is_none() {
-            return Ok(DeleteProfile::NotFound);
-        }
-        sqlx::query("UPDATE profiles SET current_revision = NULL WHERE rig = $1 AND lens = $2")
-            .bind(rig.as_str())
-            .bind(lens.as_str())
-            .execute(&mut *tx)
-            .await?;
-        sqlx::query("UPDATE revisions SET deleted_at = $3 WHERE rig = $1 AND lens = $2 AND deleted_at IS NULL")
-            .bind(rig.as_str())
-            .bind(lens.as_str())
-            .bind(now)
-            .execute(&mut *tx)
-            .await?;
-        self.commit(tx, "rows.delete_profile", Notice::None).await?;
-        Ok(DeleteProfile::Deleted)
+        self.freeing(|| async {
+            let mut tx = self.write_alone(Lock::Profiles).await?;
+            let now = self.now(&mut *tx).await?;
+            let current = current_revision(&mut tx, rig, lens).await?;
+            if !condition.holds(current) {
+                return Ok(DeleteProfile::PreconditionFailed(current));
+            }
+            if current.is_none() {
+                return Ok(DeleteProfile::NotFound);
+            }
+            sqlx::query("UPDATE profiles SET current_revision = NULL WHERE rig = $1 AND lens = $2")
+                .bind(rig.as_str())
+                .bind(lens.as_str())
+                .execute(&mut *tx)
+                .await?;
+            sqlx::query("UPDATE revisions SET deleted_at = $3 WHERE rig = $1 AND lens = $2 AND deleted_at IS NULL")
+                .bind(rig.as_str())
+                .bind(lens.as_str())
+                .bind(now)
+                .execute(&mut *tx)
+                .await?;
+            self.commit(tx, "rows.delete_profile", Notice::None).await?;
+            Ok(DeleteProfile::Deleted)
+        })
+        .await
     }
 }
 

@@ -113,25 +113,28 @@ impl ScanStore for Metadata {
     }
 
     async fn delete_scan(&self, name: &Name, condition: Precondition) -> StoreResult<DeleteScan> {
-        let mut tx = self.write_alone(Lock::Accept).await?;
-        let version: Option<i64> = sqlx::query_scalar("SELECT version FROM scans WHERE name = $1")
-            .bind(name.as_str())
-            .fetch_optional(&mut *tx)
-            .await?;
-        let version = version.and_then(|version| u32::try_from(version).ok());
-        if !condition.holds(version) {
-            return Ok(DeleteScan::PreconditionFailed(version));
-        }
-        if version.is_none() {
-            return Ok(DeleteScan::NotFound);
-        }
-        let stacks = stacks(&mut tx, name).await?;
-        if stacks > 0 {
-            return Ok(DeleteScan::HasStacks(stacks));
-        }
-        sqlx::query("DELETE FROM scans WHERE name = $1").bind(name.as_str()).execute(&mut *tx).await?;
-        self.commit(tx, "rows.delete_scan", Notice::None).await?;
-        Ok(DeleteScan::Deleted)
+        self.freeing(|| async {
+            let mut tx = self.write_alone(Lock::Accept).await?;
+            let version: Option<i64> = sqlx::query_scalar("SELECT version FROM scans WHERE name = $1")
+                .bind(name.as_str())
+                .fetch_optional(&mut *tx)
+                .await?;
+            let version = version.and_then(|version| u32::try_from(version).ok());
+            if !condition.holds(version) {
+                return Ok(DeleteScan::PreconditionFailed(version));
+            }
+            if version.is_none() {
+                return Ok(DeleteScan::NotFound);
+            }
+            let stacks = stacks(&mut tx, name).await?;
+            if stacks > 0 {
+                return Ok(DeleteScan::HasStacks(stacks));
+            }
+            sqlx::query("DELETE FROM scans WHERE name = $1").bind(name.as_str()).execute(&mut *tx).await?;
+            self.commit(tx, "rows.delete_scan", Notice::None).await?;
+            Ok(DeleteScan::Deleted)
+        })
+        .await
     }
 }
 
