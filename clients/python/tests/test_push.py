@@ -7,6 +7,7 @@ import io
 import json
 import os
 import re
+import shutil
 import sqlite3
 import struct
 from collections import Counter
@@ -130,12 +131,11 @@ def test_a_journal_survives_and_is_used_by_one_process_at_a_time(tmp_path: Path)
 def test_another_service_rig_or_option_is_another_key(tmp_path: Path) -> None:
     files = StoredZip.of_folder(make(tmp_path, "1.jpg"))
 
-    def value(service: str, rig: str, options: Dict[str, Any], server: str = "http://a", has_label: bool = True) -> str:
-        return key_of(service, server, rig, "lens", options, files, has_label).value
+    def value(service: str, rig: str, options: Dict[str, Any], server: str = "http://a") -> str:
+        return key_of(service, server, rig, "lens", options, files, has_own_label=True).value
 
     first = value("s", "rig", {"r1": 3})
     assert value("s", "rig", {"r1": 3}, server="https://b") == first, "the address does not count"
-    assert value("s", "rig", {"r1": 3, "label": "bee"}, has_label=False) == first, "nor the name of the folder"
     others = [("t", "rig", {"r1": 3}), ("s", "rig2", {"r1": 3}), ("s", "rig", {"r1": 4}),
               ("s", "rig", {"r1": 3, "label": "bee"})]  # fmt: skip
     assert all(value(*other) != first for other in others)
@@ -155,11 +155,15 @@ def test_a_stack_is_known_again_by_its_content(tmp_path: Path) -> None:
     (moved,) = find(root)
     assert send(service, journal, moved, chosen, tmp_path).state == "known"
     assert uploads.requests.count("POST") == 1
-    # the same names, sizes and times, but another picture
-    (root / "w/2.jpg").write_bytes(b"V/2.jpg")
-    os.utime(root / "w/2.jpg", (2e9, 2e9))
-    assert send(service, journal, moved, chosen, tmp_path).state == "done"
+    # a copy is a stack of its own
+    shutil.copytree(root / "w", root / "x")
+    copy = next(stack for stack in find(root) if stack.name == "x")
+    assert send(service, journal, copy, chosen, tmp_path).state == "done"
     assert uploads.requests.count("POST") == 2
+    # the same names and sizes, but another picture
+    (root / "w/2.jpg").write_bytes(b"V/2.jpg")
+    assert send(service, journal, moved, chosen, tmp_path).state == "done"
+    assert uploads.requests.count("POST") == 3
     journal.close()
 
 

@@ -4,7 +4,8 @@ A SQLite file: it survives a crash at any moment, is in the standard library of 
 process that holds it, on every system. One process at a time uses a journal.
 
 A stack is known again by what is sent and to which service: names, sizes and content of its files, its options, and the
-identity of the service. Not by the address of the service, and not by times: equal times only save the reading.
+identity of the service. Not by the address of the service, and not by times: equal times only save the reading. Nor by
+the name of its folder, where that is only the label: the folder may have been renamed.
 """
 
 from __future__ import annotations
@@ -55,9 +56,9 @@ class View:
 class Key:
     """By what a stack is found in the journal."""
 
-    #: The same for the same service, rig, lens, options, and names, sizes and times of files.
+    #: The same for the same service, rig, lens, options, label, and names, sizes and times of files.
     value: str
-    #: The same without the times.
+    #: The same without the times, and without a label that is only the name of the folder.
     shape: str
     #: The value in a journal of an earlier version: with the address of the service, and the label.
     earlier: str
@@ -102,25 +103,27 @@ class Journal:
         """Ends the lock."""
         self._rows.close()
 
-    def recognise(self, key: Key, name: str, content: Callable[[], str]) -> Entry:
+    def recognise(self, key: Key, name: str, place: Path, content: Callable[[], str]) -> Entry:
         """What is known of a stack, by its key or by its content. It is known by this key and name from now on.
 
-        ``content`` reads the files. It is called only if a stack was sent whose files have these names and sizes, but
-        other times.
+        ``place`` is its first file. ``content`` reads the files. It is called only if a stack was sent whose files have
+        these names and sizes, but other times, or were in a folder of another name that is not there any more.
         """
         if not self._is_there(key.value):
-            self._rows.execute("UPDATE stacks SET key = ? WHERE key = ?", (key.value, key.earlier))
+            self._rename(key.earlier, key.value)
         if not self._is_there(key.value):
-            select = "SELECT key, content FROM stacks WHERE shape = ? AND content IS NOT NULL"
+            select = "SELECT key, content, name, place FROM stacks WHERE shape = ? AND content IS NOT NULL"
             alike = self._rows.execute(select, (key.shape,)).fetchall()
+            # a folder that was renamed is the same stack, a copy of one is another
+            alike = [row for row in alike if row[2] == name or not on_disk(Path(row[3])).exists()]
             own = content() if alike else None
-            same = next((row[0] for row in alike if row[1] == own), None)
-            # the other row stays: a copy of the folder, or the same times again, is known by it
-            columns = ", ".join(COLUMNS)
-            copy = f"INSERT INTO stacks (key, {columns}) SELECT ?, {columns} FROM stacks WHERE key = ?"
-            self._rows.execute(copy, (key.value, same))
-        self._rows.execute("UPDATE stacks SET name = ?, shape = ? WHERE key = ?", (name, key.shape, key.value))
+            self._rename(next((row[0] for row in alike if row[1] == own), None), key.value)
+        update = "UPDATE stacks SET name = ?, place = ?, shape = ? WHERE key = ?"
+        self._rows.execute(update, (name, str(place), key.shape, key.value))
         return self.entry(key.value)
+
+    def _rename(self, key: Optional[str], to: str) -> None:
+        self._rows.execute("UPDATE stacks SET key = ? WHERE key = ?", (to, key))
 
     def _is_there(self, key: str) -> bool:
         return self._rows.execute("SELECT 1 FROM stacks WHERE key = ?", (key,)).fetchone() is not None
@@ -144,9 +147,7 @@ class Journal:
 
     def forget_name(self, name: str) -> bool:
         """The stack of this name will be sent as a new one, however it ended. Returns whether there is one."""
-        # a copy of its folder is the same stack
-        same = "DELETE FROM stacks WHERE name = ?1 OR job IN (SELECT job FROM stacks WHERE name = ?1)"
-        return self._rows.execute(same, (name,)).rowcount > 0
+        return self._rows.execute("DELETE FROM stacks WHERE name = ?", (name,)).rowcount > 0
 
     def views(self, scan: str) -> List[View]:
         """The views of a scan that were done."""
@@ -166,12 +167,12 @@ def key_of(
 ) -> Key:
     """The key of a stack at a service, by its identity. ``server`` is its address.
 
-    Without ``has_own_label``, the label is only the name of the folder, and does not count.
+    Without ``has_own_label``, the label is only the name of the folder.
     """
     counted = {name: value for name, value in options.items() if name != "label" or has_own_label}
     shape = _digest([service, rig, lens, counted, files.shape()])
     earlier = _digest([server.rstrip("/"), rig, lens, dict(options), _earlier_fingerprint(files)])
-    return Key(_digest([shape, files.times()]), shape, earlier)
+    return Key(_digest([shape, files.times(), options.get("label")]), shape, earlier)
 
 
 def _earlier_fingerprint(files: StoredZip) -> str:

@@ -106,7 +106,7 @@ class Sender:
             self.on_step(found.name, "comparing", 0.0)
             return source.content()
 
-        entry = self.journal.recognise(at, found.name, content)
+        entry = self.journal.recognise(at, found.name, found.files()[0].absolute(), content)
         if entry.ended == "done":
             return self._known(entry, found.name)
         if entry.ended is not None:
