@@ -22,7 +22,7 @@ from pinstack.push import watch as module
 from pinstack.push.journal import Journal
 from pinstack.push.progress import Progress
 from pinstack.push.sender import Outcome
-from pinstack.push.watch import Rounds
+from pinstack.push.watch import Rounds, watch
 
 
 class Bench:
@@ -215,6 +215,42 @@ def test_without_a_profile_nothing_is_sent_and_a_new_one_is_seen(bench: Make) ->
     assert caught.value.code == "profile_not_found" and on.service.made == 0
     on.service.revision = 1
     assert on.states() == ["done"]
+
+
+def test_a_service_that_refuses_everything_is_said_once(bench: Make) -> None:
+    on = bench(quiet_s=0.0)
+    make(on.root, "v/1.jpg", "v/2.jpg")
+    on.service.revision = 0
+    looks = 0
+
+    class Looks(threading.Event):
+        def wait(self, timeout: Optional[float] = None) -> bool:
+            nonlocal looks
+            looks += 1
+            on.service.revision = 1 if looks == 3 else 0
+            return looks == 6
+
+    watch(on.rounds, on.chosen, Looks(), lambda _: None)
+    said = [line for line in on.lines if line.startswith("nothing is sent now: there is no profile")]
+    assert len(said) == 1 and on.lines[-1] == "v: done"
+
+
+def test_watch_says_that_a_file_stays_held(bench: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    on = bench(quiet_s=1.0)
+    make(on.root, "v/1.jpg", "v/2.jpg")
+    opened = Path.open
+
+    def held(path: Path, *arguments: Any, **options: Any) -> Any:
+        if path.name == "2.jpg":
+            raise PermissionError(13, "The process cannot access the file", str(path))
+        return opened(path, *arguments, **options)
+
+    monkeypatch.setattr(Path, "open", held)
+    for _ in range(30):
+        assert on.states(1.0) == []
+    assert on.lines == ["v: not sent yet: a file cannot be opened: is it still being written?"]
+    monkeypatch.setattr(Path, "open", opened)
+    assert on.states() == [] and on.states(1.0) == ["done"]
 
 
 def lights(names: List[str]) -> Dict[str, Any]:

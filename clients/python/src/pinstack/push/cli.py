@@ -67,6 +67,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         if command == "push":
             return _push(folders, settings, again)
         return _watch(folders[0], settings, again, given.get("log"))
+    except Stopped:
+        return INTERRUPTED
     except PinstackError as error:
         print(f"pinstack: {error.detail}", file=sys.stderr)
         return USAGE if again_after(error.code) is Again.CHANGE else UNREACHABLE
@@ -119,10 +121,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _dry_run(folders: List[Path], settings: Settings, as_json: bool) -> int:
     with interruptible(_client(settings), _stop_by_signals(), Progress(0)) as client:
-        try:
-            found = _look(folders, settings)(client)()
-        except Stopped:
-            return INTERRUPTED
+        found = _look(folders, settings)(client)()
     if as_json:
         stacks = [
             {"name": one.name, "front": [str(path) for path in one.front], "back": [str(path) for path in one.back],
@@ -203,18 +202,14 @@ def _rounds(
 def _push(folders: List[Path], settings: Settings, again: List[str]) -> int:
     progress = Progress(0)
     with _rounds(folders, settings, again, progress, repeats=False) as (rounds, journal, results, stop):
-        try:
-            rounds.look()
-            if not rounds.found.stacks:
-                print(table(rounds.found), file=sys.stderr)
-                detail = "there is no stack in these folders; --dry-run shows what was seen"
-                raise PinstackError("invalid_source", detail)
-            outcomes = push(rounds, settings, stop)
-            found = rounds.found
-            for sentence in gone_views(rounds.client, journal, settings, rounds.site, found, only_renamed=False):
-                progress.say(sentence)
-        except Stopped:
-            return INTERRUPTED
+        rounds.look()
+        if not rounds.found.stacks:
+            print(table(rounds.found), file=sys.stderr)
+            raise PinstackError("invalid_source", "there is no stack in these folders; --dry-run shows what was seen")
+        outcomes = push(rounds, settings, stop)
+        found = rounds.found
+        for sentence in gone_views(rounds.client, journal, settings, rounds.site, found, only_renamed=False):
+            progress.say(sentence)
     for path, reason in found.unread:
         progress.say(f"{path} {reason}")
     good = sum(outcome.is_good for outcome in outcomes)

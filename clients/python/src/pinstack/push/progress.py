@@ -16,7 +16,7 @@ class Progress:
 
     def __init__(self, total: int, out: Optional[TextIO] = None, clock: Callable[[], float] = time.monotonic) -> None:
         self.total = total
-        self.ended = 0
+        self._ended: Set[str] = set()
         self._out = out if out is not None else sys.stderr
         self._is_terminal = self._out.isatty()
         self._clock = clock
@@ -62,7 +62,7 @@ class Progress:
     def end(self, outcome: Outcome, next_step: str = "") -> None:
         """A stack ended. What was said of it the last time is not said again; ``next_step`` is what comes then."""
         with self._lock:
-            self.ended += 1
+            self._ended.add(outcome.name)
             self._steps.pop(outcome.name, None)
             self._until.pop(outcome.name, None)
             text = "; ".join(outcome.sentences)
@@ -101,7 +101,7 @@ class Progress:
         self._shown = self._clock()
         parts = [self._line(name, *step) for name, step in self._steps.items() if name not in self._until]
         parts += [f"{name} tries again at {until}" for name, until in self._until.items()]
-        line = f"{self.ended} of {self.total} · " + " · ".join(parts)
+        line = f"{len(self._ended)} of {self.total} · " + " · ".join(parts)
         self._out.write(f"\r\x1b[K{line[:150]}")
         self._out.flush()
 

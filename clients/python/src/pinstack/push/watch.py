@@ -38,6 +38,9 @@ State = Tuple[Tuple[str, int, int], ...]
 #: The first pause before a stack is sent again, after a person ended it at the service, and the longest, seconds.
 FIRST_PAUSE_S, PAUSE_OF_ENDED_S, LONGEST_PAUSE_S = 4.0, 30.0, 900.0
 
+#: Said of a stack of which a file stays held.
+HELD = "a file cannot be opened: is it still being written?"
+
 #: Looks at the folders.
 Look = Callable[[], Found]
 
@@ -144,24 +147,31 @@ class Rounds:
     def look(self) -> None:
         """Looks at the folders. Raises what the service says."""
         self.found = self._look()
-        self._told.pop("service", None)
-        self._progress.renew("the service")
+        self._progress.total = len(self.found.stacks)
         self._has_back_light |= any(stack.front and stack.back for stack in self.found.stacks)
 
+    def works(self) -> None:
+        """The service answers: the next time that it does not is said again."""
+        self._told.pop("service", None)
+        self._progress.renew("the service")
+
     def known(self) -> List[FoundStack]:
-        """The stacks whose results an earlier run has saved: they need not be quiet, because nothing is sent."""
+        """The stacks that an earlier run has sent whole: they need not be quiet."""
         self.site = site_of(self.client, self._settings)
         known = []
         for stack in self.found.stacks:
             # a file that cannot be read is told later
             with contextlib.suppress(OSError, PinstackError):
                 at = key(stack, self._settings, self.site).value
-                if stack.problem is None and self._journal.entry(at).ended == "done":
+                if stack.problem is None and self._journal.entry(at).job is not None:
                     known.append(stack)
         return known
 
     def ready(self) -> List[FoundStack]:
         """The stacks that are complete."""
+        for stack in self.found.stacks:
+            if self._repeats and self._complete.is_held(stack):
+                self.say_once(stack.name, f"{stack.name}: not sent yet: {HELD}")
         return [stack for stack in self._complete.of(self.found.stacks) if not self._waits(stack)]
 
     def send(self, ready: List[FoundStack]) -> List[Outcome]:
@@ -190,8 +200,7 @@ class Rounds:
             if not self._complete.is_held(stack):
                 self.say_once("quiet", f"waits until no file has changed for {self._settings.quiet_s:g} s")
                 return False
-            sentence = "a file cannot be opened: is it still being written?"
-            outcome = Outcome(stack.name, "incomplete", [sentence], again=Again.LATER)
+            outcome = Outcome(stack.name, "incomplete", [HELD], again=Again.LATER)
             self._end(stack, (), outcome, self.site)
         return True
 
@@ -256,6 +265,7 @@ def watch(rounds: Rounds, settings: Settings, stop: threading.Event, ended: Call
         try:
             rounds.look()
             outcomes = rounds.send(rounds.ready())
+            rounds.works()
             if outcomes:
                 ended(outcomes)
         except Stopped:
