@@ -138,6 +138,8 @@ async fn the_documentation_loads_nothing_from_other_servers() {
     assert!(!page.contains("<script>"), "an inline script would be held back by the policy");
     let info: Value = app.get("/v1/info").send().await.unwrap().json().await.unwrap();
     assert_eq!((&info["name"], &info["defaults"]["r1"]), (&"pinstack".into(), &45.into()));
+    let id = app.store.metadata.service_id().await.unwrap();
+    assert_eq!(info["id"], id.to_string(), "clients know the service by it at every address");
     let served = app.get("/openapi.json").send().await.unwrap().text().await.unwrap();
     assert_eq!(served, DOCUMENT.text());
     let tag = app.get("/openapi.json").send().await.unwrap().headers()["etag"].clone();

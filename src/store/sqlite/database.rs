@@ -25,7 +25,10 @@ const READERS: u32 = 4;
 /// Rows that a connection reads ahead of the consumer.
 const ROWS_AHEAD: usize = 4;
 
-pub(in crate::store) const SCHEMA: Schema = Schema(&[(11, "rows", include_str!("schema/0011_rows.sql"))]);
+pub(in crate::store) const SCHEMA: Schema = Schema(&[
+    (11, "rows", include_str!("schema/0011_rows.sql")),
+    (12, "service", include_str!("schema/0012_service.sql")),
+]);
 
 impl SqliteMetadata {
     /// Opens the file, creates it if it is missing, and migrates its schema.
@@ -121,6 +124,10 @@ impl MetadataStore for SqliteMetadata {
 
     fn arrivals(&self) -> broadcast::Receiver<()> {
         self.listeners.arrivals.subscribe()
+    }
+
+    async fn service_id(&self) -> StoreResult<Uuid> {
+        Ok(sqlx::query_scalar("SELECT id FROM service").fetch_one(&self.readers).await?)
     }
 
     async fn totals(&self) -> StoreResult<Totals> {

@@ -100,12 +100,14 @@ def _response(response: Any) -> Response:
 class SyncTransport(Transport):
     """Runs operations, blocking. May be used by several threads.
 
-    ``sleep`` waits between two tries; it may raise to end the operation.
+    ``sleep`` waits between two tries; it may raise to end the operation. ``on_wait`` is told before, why and for how
+    many seconds.
     """
 
     def __init__(self, url: Optional[str], token: Optional[str], **options: Any) -> None:
         super().__init__(url, token)
         self.sleep: Callable[[float], None] = time.sleep
+        self.on_wait: Callable[[PinstackError, float], None] = lambda reason, seconds: None
         self._http = httpx.Client(headers=self.headers, **options)
 
     def run(self, operation: Operation[T]) -> T:
@@ -128,6 +130,8 @@ class SyncTransport(Transport):
         if isinstance(effect, Send):
             return self._send(effect.request)
         if isinstance(effect, Sleep):
+            if effect.reason is not None:
+                self.on_wait(effect.reason, effect.seconds)
             return self.sleep(effect.seconds)
         return effect.function() if isinstance(effect, Call) else time.monotonic()
 

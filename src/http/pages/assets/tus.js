@@ -47,7 +47,8 @@ export class Upload {
       } catch (error) {
         if (this.isPaused || this.isRemoved) { this.isUnsure = true; continue; }
         if (error.isGone) { keep(this.key, null); this.url = null; this.sent = 0; continue; }
-        if (!isTemporary(error.status)) { keep(this.key, null); throw error; }
+        // the URL stays: once a right or a proxy is mended, the upload goes on; a refused one begins anew
+        if (!isTemporary(error.status)) throw error;
         this.isUnsure = true;
         await this.pause(error);
       }
