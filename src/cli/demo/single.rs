@@ -158,7 +158,7 @@ fn print_calls(url: &str, stack: &Value, zip: &Path) {
     println!("  curl {url}/v1/stacks/{id}/metrics");
     println!("  curl -o image.tif -H 'Accept: image/tiff' {url}/v1/stacks/{id}/image");
     println!(
-        "  curl -X POST -T {} -H 'Content-Type: application/zip' -H 'Prefer: wait=60' '{url}/v1/stacks?rig={RIG}&lens={LENS}&crop=valid'",
+        "  curl -X POST -T {} -H 'Content-Type: application/zip' -H 'Prefer: wait=50' '{url}/v1/stacks?rig={RIG}&lens={LENS}&crop=valid'",
         zip.display()
     );
     println!("\nand in a browser: {url}/docs");
