@@ -159,7 +159,7 @@ fn print_calls(url: &str, stack: &Value, zip: &Path) {
     say(format!("  curl {url}/v1/stacks/{id}/metrics"));
     say(format!("  curl -o image.tif -H 'Accept: image/tiff' {url}/v1/stacks/{id}/image"));
     say(format!(
-        "  curl -X POST -T {} -H 'Content-Type: application/zip' -H 'Prefer: wait=60' '{url}/v1/stacks?rig={RIG}&lens={LENS}&crop=valid'",
+        "  curl -X POST -T {} -H 'Content-Type: application/zip' -H 'Prefer: wait=50' '{url}/v1/stacks?rig={RIG}&lens={LENS}&crop=valid'",
         zip.display()
     ));
     say(format!("\nand in a browser: {url}/docs"));

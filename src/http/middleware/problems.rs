@@ -39,7 +39,7 @@ pub async fn complete(request: Request, next: Next) -> Response {
             Problem { status: status.as_u16(), ..bare }
         }
     };
-    problem_document.instance = Some(instance);
+    problem_document.instance = Some(link!("{instance}"));
     let mut complete = render(problem_document);
     for (name, value) in response.headers() {
         if ![header::CONTENT_TYPE, header::CONTENT_LENGTH].contains(name) {

@@ -67,7 +67,7 @@ fn planned(pairs: &[(String, String)]) -> Result<(CapturePlan, TargetAdvice), St
 fn form(pairs: &[(String, String)]) -> Markup {
     let given = |name: &str| pairs.iter().find(|(given, _)| given == name).map(|(_, value)| value.as_str());
     html! {
-        form.filters method="get" action="/plan" {
+        form.filters method="get" action=(link!("/plan")) {
             div.fields {
                 @for (name, label, suggested, is_needed) in FIELDS {
                     div.short {
@@ -144,7 +144,7 @@ fn print() -> Markup {
             p.soft { "Print it at 100 %. On A4 and Letter, measure the line below the dots; on paper as large as the \
                 target, which has no line, measure the distance between the first and the last dot of a row: (columns - \
                 1) pitches." }
-            form.filters method="get" action="/v1/targets/dots" {
+            form.filters method="get" action=(link!("/v1/targets/dots")) {
                 div.fields {
                     @for (name, label, value) in fields {
                         div.short {

@@ -118,5 +118,5 @@ fn has_stacks(name: &Name, stacks: u64, what: &str) -> ApiError {
 
 /// URL of a scan.
 pub fn url(name: &Name) -> String {
-    format!("/v1/scans/{name}")
+    link!("/v1/scans/{name}")
 }

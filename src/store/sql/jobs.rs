@@ -78,7 +78,7 @@ impl JobQueue for Metadata {
     }
 
     async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>> {
-        let window = Window::of(page)?;
+        let window = Window::of(filter.kind.map_or("jobs", JobKind::as_str), page)?;
         let rows = sqlx::query_as(
             "SELECT * FROM jobs
              WHERE seq < $1 AND NOT delete_requested

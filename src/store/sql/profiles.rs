@@ -71,7 +71,7 @@ impl ProfileStore for Metadata {
         lens: Option<&Name>,
         page: &PageRequest,
     ) -> StoreResult<Page<ProfileSummary>> {
-        let window = Window::of(page)?;
+        let window = Window::of("profiles", page)?;
         let rows = sqlx::query_as(
             "SELECT seq, rig, lens, revision, head AS json
              FROM profiles NATURAL JOIN revisions JOIN revision_heads USING (seq)
@@ -88,7 +88,7 @@ impl ProfileStore for Metadata {
     }
 
     async fn revisions(&self, rig: &Name, lens: &Name, page: &PageRequest) -> StoreResult<Page<ProfileSummary>> {
-        let window = Window::of(page)?;
+        let window = Window::of(format!("revisions of {rig}/{lens}"), page)?;
         let rows = sqlx::query_as(
             "SELECT seq, rig, lens, revision, head AS json
              FROM revisions JOIN revision_heads USING (seq)
@@ -104,7 +104,7 @@ impl ProfileStore for Metadata {
     }
 
     async fn all_revisions(&self, page: &PageRequest) -> StoreResult<Page<Profile>> {
-        let window = Window::of(page)?;
+        let window = Window::of("all revisions", page)?;
         let rows = sqlx::query_as(
             "SELECT seq, rig, lens, revision, body AS json FROM revisions WHERE seq < $1 ORDER BY seq DESC LIMIT $2",
         )

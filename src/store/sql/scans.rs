@@ -84,7 +84,7 @@ impl ScanStore for Metadata {
     }
 
     async fn scans(&self, filter: &ScanFilter, page: &PageRequest) -> StoreResult<Page<Scan>> {
-        let window = Window::of(page)?;
+        let window = Window::of("scans", page)?;
         let rows = sqlx::query_as(
             "SELECT * FROM scans
              WHERE seq < $1 AND ($2 IS NULL OR rig = $2) AND ($3 IS NULL OR lens = $3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from typing import Any, AsyncIterator, Callable, Dict, Iterator, Optional, TypeVar
+from urllib.parse import urlsplit
 
 import anyio
 import anyio.to_thread
@@ -47,11 +48,20 @@ class Transport:
             read = min(read, max(request.longest_s, 0.01))
         return {
             "method": request.method,
-            "url": self.url + request.path,
+            "url": self.address(request.path),
             "params": dict(request.query),
             "headers": headers,
             "timeout": httpx.Timeout(SILENCE_S, read=read, connect=15.0),
         }
+
+    def address(self, path: str) -> str:
+        """The URL of a path below the address of the service.
+
+        Links of a service below a sub-path begin with the sub-path, which the address has too.
+        """
+        sub_path = urlsplit(self.url).path
+        below = path[len(sub_path) :] if path.startswith(f"{sub_path}/v1/") else path
+        return self.url + below
 
     def unreachable(self, error: Exception) -> Unreachable:
         """What a failure of httpx means."""

@@ -1,5 +1,5 @@
 // What was dropped or chosen: files with their paths, and how the server groups them into views.
-import { json } from './page.js';
+import { json, link } from './page.js';
 
 const PICTURE = /\.(jpe?g|png|tiff?)$/i;
 // Folders that systems, file servers and file managers put beside pictures, in lower case. Names that begin with a dot
@@ -71,5 +71,5 @@ export async function grouped(pictures) {
   if (listed.length) {
     try { manifest = JSON.parse(await listed[0].file.text()); } catch { throw new Error(`${listed[0].path} is not JSON`); }
   }
-  return json('POST', '/v1/groupings', { names, manifest });
+  return json('POST', link('/v1/groupings'), { names, manifest });
 }
