@@ -20,7 +20,7 @@ pub mod alignment;
 mod clipping;
 mod deterministic_sum;
 mod diagnosis;
-mod flicker;
+pub mod flicker;
 mod focus;
 mod focus_order;
 pub mod full_reference;
