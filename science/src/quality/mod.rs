@@ -107,6 +107,7 @@ pub fn finish(
         &quality,
         &diagnosis::Evidence {
             own: &alignment.own,
+            foreign: &alignment.foreign,
             steps: &coverage.steps,
             equalised: &equalised,
             reference: reference.map_or(0, |reference| reference.index),
