@@ -44,10 +44,11 @@ fn measure(c: &mut Criterion) {
             let fingerprint = Fingerprint::of(&samples, 3, WIDTH, HEIGHT);
             let mut rows = RowMeasurements::default();
             for y in 0..HEIGHT {
-                rows.take_samples(&meter, y, row(y, 0, WIDTH), 3, slice.gain);
+                rows.take_samples(cells, y, row(y, 0, WIDTH), 3, slice.gain);
                 rows.take_saliency(&meter, y, &saliency, &(0..WIDTH));
             }
-            meter.measure(3, black_box(&slice), rows, fingerprint)
+            let brightness = rows.brightness::<u8>(cells, &coverage, 3, slice.gain);
+            meter.measure(3, black_box(&slice), rows, brightness, fingerprint)
         });
     });
     group.finish();

@@ -20,7 +20,7 @@ pub mod alignment;
 mod clipping;
 mod deterministic_sum;
 mod diagnosis;
-mod flicker;
+pub mod flicker;
 mod focus;
 mod focus_order;
 pub mod full_reference;
@@ -107,6 +107,7 @@ pub fn finish(
         &quality,
         &diagnosis::Evidence {
             own: &alignment.own,
+            foreign: &alignment.foreign,
             steps: &coverage.steps,
             equalised: &equalised,
             reference: reference.map_or(0, |reference| reference.index),

@@ -109,6 +109,8 @@ codes! {
     ProfileMisfit "profile_misfit"
     SliceMisaligned "slice_misaligned"
     PictureJumps "picture_jumps"
+    ForeignSlice "foreign_slice"
+    AlignmentNotMeasured "alignment_not_measured"
     Clipped "clipped"
     Halos "halos"
     UnfocusedArea "unfocused_area"

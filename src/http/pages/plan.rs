@@ -98,6 +98,9 @@ fn answer(plan: &CapturePlan) -> Markup {
             dl.facts {
                 dt { "Travel of the rail" } dd { (format!("{:.3}", plan.travel_mm)) " mm" }
                 dt { "Depth of field" } dd { (format!("{:.4}", plan.depth_of_field_mm.total)) " mm" }
+                @if let Some(contrast) = plan.contrast_between_slices {
+                    dt { "Contrast between slices" } dd { (format!("{:.0}", 100.0 * contrast)) " % of that in focus, in fine detail (half the Nyquist frequency)" }
+                }
                 dt { "Distance to the object" } dd { (format!("{:.2}", plan.object_distance_mm)) " mm from the lens" }
                 @if let Some([width, height]) = plan.field_of_view_mm { dt { "Field of view" } dd { (format!("{width:.2} × {height:.2}")) " mm" } }
                 dt { "Effective f-number" } dd { (format!("{:.1}", plan.effective_f_number)) }

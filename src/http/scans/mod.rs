@@ -14,6 +14,7 @@ pub mod list;
 pub mod poses;
 pub mod put;
 pub mod rerun;
+pub mod same_pictures;
 pub mod stored_zip;
 pub mod table;
 

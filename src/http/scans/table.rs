@@ -20,7 +20,7 @@ use crate::{
         request::JobRequest,
         scan::MAX_VIEWS,
     },
-    http::{ApiResult, App, auth::Caller},
+    http::{ApiResult, App, auth::Caller, scans::same_pictures},
     store::{Job, JobFilter, Page, PageRequest},
 };
 use pinstack_science::{
@@ -76,6 +76,8 @@ pub struct ViewStack {
     pub slice_size: [u32; 2],
     /// The zip was removed.
     pub upload_removed: bool,
+    /// What stacks of the same pictures have in common; see [`same_pictures`].
+    pub pictures: Vec<String>,
     /// The stack whose upload this one shares: of a rerun, the stack that was sent.
     origin: Uuid,
     /// Results, once it has succeeded.
@@ -128,8 +130,10 @@ impl View {
 impl ViewStack {
     fn of(job: Job) -> Option<Self> {
         let JobRequest::Stack(request) = job.request else { return None };
+        let mut pictures = vec![request.upload.sha256];
         let result = match job.outcome {
             Some(JobOutcome::Stack(outcome)) => {
+                pictures.extend(same_pictures::of_slices(&outcome.metrics.slices));
                 let artifact = |of: StackArtifact| of.among(&outcome.artifacts).cloned();
                 let (image, mask) = (artifact(StackArtifact::Image), artifact(StackArtifact::Mask));
                 let metrics = Metrics { slices: Vec::new(), ..outcome.metrics };
@@ -152,6 +156,7 @@ impl ViewStack {
             profile_digest: request.profile_digest,
             slice_size: [request.layout.width, request.layout.height],
             upload_removed: job.upload_removed,
+            pictures,
             origin: request.rerun_of.unwrap_or(job.id),
             result,
         })

@@ -125,7 +125,7 @@ pub struct ViewOutlier {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ScanFinding {
     /// `missing_views`, `fewer_views_than_expected`, `more_views_than_expected`, `duplicate_angles`, `mixed_revisions`,
-    /// `mixed_sizes`, `mixed_cameras`, `failed_views`, or `outliers`.
+    /// `mixed_sizes`, `mixed_cameras`, `failed_views`, `same_pictures`, or `outliers`.
     pub code: String,
     /// What it is, in which views, and what to do.
     pub detail: String,

@@ -19,6 +19,7 @@ fn stack(label: Option<&str>, pan_deg: Option<f64>, tilt_deg: Option<f64>) -> Vi
         profile_digest: String::new(),
         slice_size: [24, 18],
         upload_removed: false,
+        pictures: Vec::new(),
         origin: id,
         result: None,
     }
