@@ -14,6 +14,7 @@ mod forms;
 mod guide;
 mod lifecycle;
 mod logs;
+mod odd_stacks;
 mod optics;
 mod pages;
 mod pages_of_tokens;
