@@ -16,6 +16,7 @@ mod guide;
 mod lifecycle;
 mod logs;
 mod not_utf8;
+mod odd_stacks;
 mod optics;
 mod pages;
 mod pages_of_tokens;

@@ -241,10 +241,11 @@ impl Container {
         let entry = zip.by_index(member.index).map_err(|error| not_decompressed(&member.name, error))?;
         let mut reader = BufReader::new(SeekWindow::new(entry, member.size, most));
         let header = codec::probe(&mut reader, &limits.image);
-        if header.is_err() && reader.get_ref().was_stopped() {
+        // what was not read may have been left out silently, as a colour profile is
+        if reader.get_ref().was_stopped() {
             return Ok(None);
         }
-        if header.is_err() && reader.get_ref().fell_behind() {
+        if reader.get_ref().fell_behind() {
             // a TIFF whose directory refers back and forth; rare
             drop(reader);
             let bytes = self.read_whole(member, limits)?;

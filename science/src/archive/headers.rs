@@ -8,7 +8,10 @@ use super::{
     slices::ArchivedSlices,
 };
 use crate::{
-    imaging::{Slices, codec::Header},
+    imaging::{
+        Slices,
+        codec::{ColourSpace, Header},
+    },
     types::{Error, ErrorKind, Warning, WarningCode, error::ErrorLocation},
 };
 
@@ -69,8 +72,16 @@ pub(super) fn check(
     let bits = |h: &Header| format!("has {} bits per sample", h.bit_depth);
     let colour = |h: &Header| if h.channels == 1 { "is grey" } else { "is in colour" }.to_owned();
     let lights = [front_found, back_found];
-    warnings.extend(lights.iter().filter_map(|found| mixed(WarningCode::MixedBitDepth, "in bit depth", found, bits)));
-    warnings.extend(lights.iter().filter_map(|found| mixed(WarningCode::MixedColour, "in colour", found, colour)));
+    let depth_of = |h: &Header| h.bit_depth;
+    let depths = |found: &&[Found<'_>]| mixed(WarningCode::MixedBitDepth, "in bit depth", found, depth_of, bits);
+    warnings.extend(lights.iter().filter_map(depths));
+    let channels_of = |h: &Header| h.channels;
+    let colours = |found: &&[Found<'_>]| mixed(WarningCode::MixedColour, "in colour", found, channels_of, colour);
+    warnings.extend(lights.iter().filter_map(colours));
+    let (space_of, space) = (|h: &Header| h.colour, |h: &Header| h.colour.clause().to_owned());
+    let in_space = "in colour space, and are fused as they are";
+    warnings.extend(mixed(WarningCode::MixedColourSpaces, in_space, front_found, space_of, space));
+    warnings.extend(unknown_colours(front_found));
     let orientation = usual(&found, |header| header.orientation).unwrap_or(1);
     Ok(Common { width, height, bit_depth, channels, orientation })
 }
@@ -107,12 +118,32 @@ fn warn_of_times(found: &[Found<'_>], is_listed: bool, warnings: &mut Vec<Warnin
     }
 }
 
-/// A warning when slices of one light differ `in_what`. Names the first two slices of which `clause` says different
-/// things.
-fn mixed(code: WarningCode, in_what: &str, found: &[Found<'_>], clause: impl Fn(&Header) -> String) -> Option<Warning> {
+/// A warning for slices in a colour space that no output can state.
+fn unknown_colours(found: &[Found<'_>]) -> Option<Warning> {
+    let odd: Vec<&str> = found.iter().filter(|f| f.header.colour == ColourSpace::Unknown).map(|f| f.name).collect();
+    let have = one_or_more(odd.len(), "has", "have");
+    let detail = format!(
+        "{} of {} slices {have} a colour space that is not known, or a colour profile for another kind of picture, so \
+         the image has no profile and is shown as sRGB: {}; save all slices in sRGB, or with an ICC profile for RGB",
+        odd.len(),
+        found.len(),
+        listed(odd.iter().copied())
+    );
+    (!odd.is_empty()).then(|| Warning::new(WarningCode::UnknownColourSpace, detail))
+}
+
+/// A warning when slices of one light differ `in_what`. Names the first slice and the first of another `value`, with a
+/// `clause` about each.
+fn mixed<T: PartialEq>(
+    code: WarningCode,
+    in_what: &str,
+    found: &[Found<'_>],
+    value: impl Fn(&Header) -> T,
+    clause: impl Fn(&Header) -> String,
+) -> Option<Warning> {
     let first = found.first()?;
-    let is = clause(&first.header);
-    let (other, other_is) = found.iter().map(|f| (f, clause(&f.header))).find(|(_, clause)| *clause != is)?;
+    let other = found.iter().find(|f| value(&f.header) != value(&first.header))?;
+    let (is, other_is) = (clause(&first.header), clause(&other.header));
     let detail = format!(
         "the {} slices differ {in_what}: {} {is}, {} {other_is}; use the same settings for all slices of one light",
         first.light.word(),

@@ -52,6 +52,9 @@ codes! {
     OrderContradictsTimes "order_contradicts_times"
     MixedBitDepth "mixed_bit_depth"
     MixedColour "mixed_colour"
+    MixedColourSpaces "mixed_colour_spaces"
+    UnknownColourSpace "unknown_colour_space"
+    OrientationUnknown "orientation_unknown"
     ViewsDiffer "views_differ"
     BackLightIgnored "back_light_ignored"
     // the calibration
