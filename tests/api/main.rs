@@ -33,5 +33,6 @@ mod stack_input;
 mod tiles;
 mod token_command;
 mod uploads;
+mod verdicts;
 mod watching;
 mod wrong_zips;
