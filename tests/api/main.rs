@@ -14,6 +14,7 @@ mod forms;
 mod guide;
 mod lifecycle;
 mod logs;
+mod names;
 mod optics;
 mod pages;
 mod pages_of_tokens;

@@ -6,8 +6,8 @@ use crate::types::Error;
 /// Maximum length of a name, bytes.
 const LONGEST: usize = 1_024;
 
-/// Folders that systems, file servers and file managers put beside pictures, in lower case. Folders whose name begins with
-/// a dot are skipped too. The page *Send* and the Python client have the same list.
+/// Folders that systems, file servers and file managers put beside pictures, in lower case. Folders whose name begins
+/// with a dot are skipped too. The page *Send* and the Python client have the same list.
 pub(super) const SKIPPED_FOLDERS: [&str; 15] = [
     "__macosx",                  // macOS, in zips
     "@eadir",                    // Synology: thumbnails
@@ -126,7 +126,8 @@ pub(super) fn is_of_another_code_page(raw: &[u8]) -> bool {
 fn is_system_file(parts: &[&str]) -> bool {
     let Some((last, folders)) = parts.split_last() else { return false };
     let known = [".ds_store", "thumbs.db", "ehthumbs.db", "desktop.ini", "icon\r"];
-    let is_skipped = |folder: &str| folder.starts_with('.') || SKIPPED_FOLDERS.contains(&folder.to_lowercase().as_str());
+    let is_skipped =
+        |folder: &str| folder.starts_with('.') || SKIPPED_FOLDERS.contains(&folder.to_lowercase().as_str());
     folders.iter().any(|folder| is_skipped(folder))
         || last.starts_with("._")
         || known.contains(&last.to_ascii_lowercase().as_str())

@@ -5,6 +5,7 @@ mod damage;
 mod disk;
 mod headers;
 mod layout;
+mod order;
 mod sentences;
 mod zips;
 

@@ -36,7 +36,7 @@ pub struct Header {
     pub format: Format,
     /// EXIF orientation as stored, 1 to 8; 1 without a tag.
     pub orientation: u8,
-    /// When a JPEG or PNG was taken, by its EXIF data; `None` without that, and for TIFF.
+    /// When the picture was taken, by its EXIF data; of a TIFF without EXIF data, by its tag `DateTime`. `None` without.
     pub taken: Option<CaptureTime>,
 }
 

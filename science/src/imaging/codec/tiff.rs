@@ -4,11 +4,13 @@ use std::io::{Cursor, Read, Seek};
 
 use ::tiff::{
     ColorType, TiffError,
-    decoder::{ChunkType, Decoder, DecodingResult, Limits as DecoderLimits},
+    decoder::{ChunkType, Decoder, DecodingResult, IfdDecoder, Limits as DecoderLimits},
     tags::{SampleFormat, Tag, Type, ValueBuffer},
 };
 
-use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientation, png::first_channels, tiff_lists};
+use super::{
+    CaptureTime, Format, Header, ImageFault, Limits, Metadata, exif_block, orientation, png::first_channels, tiff_lists,
+};
 use crate::imaging::Raster;
 
 /// Pages after the first that are examined, to recognise a file that holds a whole stack.
@@ -25,6 +27,7 @@ const MAX_TAG_BYTES: usize = 64 << 20;
 const REDUCED: u32 = 1;
 
 const DNG_VERSION: Tag = Tag::Unknown(0xC612);
+const DATE_TIME_ORIGINAL: Tag = Tag::Unknown(0x9003);
 
 fn fault(error: &TiffError) -> ImageFault {
     match error {
@@ -141,9 +144,27 @@ fn open<R: Read + Seek>(reader: R, limits: &Limits) -> Result<Opened<R>, ImageFa
         bit_depth: channels.bits,
         format: Format::Tiff,
         orientation,
-        taken: None,
+        taken: taken(&mut decoder),
     };
     Ok(Opened { decoder, header, stored: channels.stored })
+}
+
+/// When the picture was taken: by the EXIF directory or, without one, by `DateTime`. A defect of these tags is no defect
+/// of the picture.
+fn taken<R: Read + Seek>(decoder: &mut Decoder<R>) -> Option<CaptureTime> {
+    // a hostile list would take much memory as a value
+    let value = |mut directory: IfdDecoder<'_>, tag| {
+        directory.find_entry(tag).filter(|entry| entry.count() <= 32)?;
+        directory.find_tag(tag).ok()?
+    };
+    let found = match value(decoder.image_ifd(), Tag::ExifDirectory) {
+        Some(pointer) => {
+            let exif = decoder.read_directory(pointer.into_ifd_pointer().ok()?).ok()?;
+            value(decoder.read_directory_tags(&exif), DATE_TIME_ORIGINAL)
+        }
+        None => value(decoder.image_ifd(), Tag::DateTime),
+    };
+    exif_block::capture_time(&found?.into_string().ok()?)
 }
 
 /// Refuses files with several pictures, because all but the first would be ignored. Unreadable pages do not count.
