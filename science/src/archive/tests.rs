@@ -7,6 +7,7 @@ mod headers;
 mod layout;
 mod order;
 mod sentences;
+mod without_zip64;
 mod zips;
 
 use std::io::Write;
