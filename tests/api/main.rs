@@ -15,6 +15,7 @@ mod forms;
 mod guide;
 mod lifecycle;
 mod logs;
+mod names;
 mod not_utf8;
 mod odd_stacks;
 mod optics;

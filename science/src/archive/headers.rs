@@ -10,7 +10,7 @@ use super::{
 use crate::{
     imaging::{
         Slices,
-        codec::{ColourSpace, Header},
+        codec::{CaptureTime, ColourSpace, Header},
     },
     types::{Error, ErrorKind, Warning, WarningCode, error::ErrorLocation},
 };
@@ -25,6 +25,8 @@ pub(super) struct Common {
     pub channels: u8,
     /// EXIF orientation of all slices, 1 without a tag.
     pub orientation: u8,
+    /// When the slices of the front light, and of the back light, were taken, as far as known.
+    pub taken: [Vec<Option<CaptureTime>>; 2],
 }
 
 /// A header and its slice.
@@ -39,12 +41,10 @@ struct Found<'a> {
 ///
 /// At most `most` bytes of a compressed slice are decompressed. Slices whose header is beyond them are skipped; if that
 /// applies to all slices of one light, its first slice is decompressed completely: lights may differ in bit depth.
-/// `is_listed`: `manifest.json` gives the order of the slices.
 pub(super) fn check(
     front: &ArchivedSlices,
     back: &ArchivedSlices,
     most: u64,
-    is_listed: bool,
     warnings: &mut Vec<Warning>,
 ) -> Result<Common, Error> {
     let mut found = Vec::new();
@@ -64,7 +64,6 @@ pub(super) fn check(
     }
     refuse_turned(&found)?;
     let (width, height) = refuse_sizes(&found)?;
-    warn_of_times(&found, is_listed, warnings);
     let largest = |of: fn(&Header) -> u8| found.iter().map(|f| of(&f.header)).max().unwrap_or_default();
     let (bit_depth, channels) = (largest(|h| h.bit_depth), largest(|h| h.channels));
     // the two lights may differ: grey is sufficient for a silhouette
@@ -83,39 +82,12 @@ pub(super) fn check(
     warnings.extend(mixed(WarningCode::MixedColourSpaces, in_space, front_found, space_of, space));
     warnings.extend(unknown_colours(front_found));
     let orientation = usual(&found, |header| header.orientation).unwrap_or(1);
-    Ok(Common { width, height, bit_depth, channels, orientation })
-}
-
-/// Warns when slices were not taken in the order in which they are used. Equal times are normal: EXIF times are whole
-/// seconds. A stack that was taken from its last slice to its first is in order.
-fn warn_of_times(found: &[Found<'_>], is_listed: bool, warnings: &mut Vec<Warning>) {
-    for light in [Light::Front, Light::Back] {
-        let of: Vec<&Found<'_>> = found.iter().filter(|f| f.light == light).collect();
-        let Some(times) = of.iter().map(|f| f.header.taken).collect::<Option<Vec<_>>>() else { continue };
-        let later = |ascending: bool| {
-            (1..times.len())
-                .filter(|&i| if ascending { times[i] > times[i - 1] } else { times[i] < times[i - 1] })
-                .count()
-        };
-        let (forward, backward) = (later(true), later(false));
-        if forward == 0 || backward == 0 {
-            continue;
-        }
-        let ascending = forward >= backward;
-        let odd = (1..times.len()).find(|&i| if ascending { times[i] < times[i - 1] } else { times[i] > times[i - 1] });
-        let Some(odd) = odd else { continue };
-        let (before, after) = (of[odd - 1].name, of[odd].name);
-        let (first, second) = if ascending { (after, before) } else { (before, after) };
-        let advice = match is_listed {
-            true => "the order is wrong, correct manifest.json",
-            false => "the names are wrong, rename the files or list them in manifest.json",
-        };
-        let detail = format!(
-            "the slices were not taken in the order in which they are used: by its EXIF time {first} was taken before \
-             {second}; if {advice}"
-        );
-        warnings.push(Warning::new(WarningCode::OrderContradictsTimes, detail));
-    }
+    let taken = [(Light::Front, front), (Light::Back, back)].map(|(light, slices)| {
+        let mut taken = vec![None; slices.count()];
+        found.iter().filter(|f| f.light == light).for_each(|f| taken[f.index] = f.header.taken);
+        taken
+    });
+    Ok(Common { width, height, bit_depth, channels, orientation, taken })
 }
 
 /// A warning for slices in a colour space that no output can state.

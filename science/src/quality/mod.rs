@@ -35,6 +35,7 @@ mod xydeas;
 
 use crate::types::metrics::SliceMetrics;
 pub use focus::DecisionMap;
+pub use focus_order::focus_prefers;
 pub use stack_quality::StackQuality;
 
 /// Version of each group of metrics. A change that alters values must change the version of its group.

@@ -25,7 +25,7 @@ use crate::{
 };
 use pinstack_science::{
     photogrammetry::outliers::ViewMeasurements,
-    types::{Warning, metrics::Metrics, view::ViewAngles},
+    types::{Warning, metrics::Metrics, text::composed, view::ViewAngles},
 };
 
 /// Stacks of a scan that are read; those beyond are older repetitions.
@@ -167,7 +167,7 @@ impl ViewStack {
         match (&self.label, self.pan_deg, self.tilt_deg) {
             (None, None, None) => ViewKey::Unnamed(self.origin),
             (label, pan, tilt) => {
-                ViewKey::Named { label: label.clone(), pan: pan.map(rounded), tilt: tilt.map(rounded) }
+                ViewKey::Named { label: label.as_deref().map(composed), pan: pan.map(rounded), tilt: tilt.map(rounded) }
             }
         }
     }
@@ -330,9 +330,9 @@ fn name_apart(views: &mut [View]) {
 const MAX_STEM: usize = 100;
 
 /// Replaces the characters that file systems, shells or reconstruction programs do not accept. Programs end the name of
-/// an image at its first dot, so there is none.
+/// an image at its first dot, so there is none. Both normal forms of a text give one name.
 fn tidy(text: &str) -> String {
-    let replaced: String = text
+    let replaced: String = composed(text)
         .chars()
         .take(MAX_STEM)
         .map(|c| if c.is_ascii_alphanumeric() || "_-+".contains(c) { c } else { '_' })

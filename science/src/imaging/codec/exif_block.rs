@@ -167,7 +167,11 @@ pub(super) fn taken(block: &[u8]) -> Option<CaptureTime> {
     let exif = structure.child(&primary, Tag::ExifIFDPointer);
     let found = exif.iter().find(|entry| entry.number == Tag::DateTimeOriginal.number())?;
     let Value::Ascii(lines) = structure.value(found) else { return None };
-    let text = std::str::from_utf8(lines.first()?).ok()?;
+    capture_time(std::str::from_utf8(lines.first()?).ok()?)
+}
+
+/// The time in a text `YYYY:MM:DD hh:mm:ss`; `None` for another text, and for one that is no time.
+pub(super) fn capture_time(text: &str) -> Option<CaptureTime> {
     let numbers: Vec<u64> = text.trim().split([':', ' ']).map(|part| part.parse().ok()).collect::<Option<_>>()?;
     let [year, month, day, hour, minute, second] = numbers[..] else { return None };
     // a camera whose clock is not set writes zeros

@@ -40,7 +40,7 @@ pub struct Header {
     pub orientation: u8,
     /// Colour space.
     pub colour: ColourSpace,
-    /// When a JPEG or PNG was taken, by its EXIF data; `None` without that, and for TIFF.
+    /// When the picture was taken, by its EXIF data; of a TIFF without EXIF data, by its tag `DateTime`. `None` without.
     pub taken: Option<CaptureTime>,
 }
 

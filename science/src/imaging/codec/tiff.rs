@@ -4,12 +4,12 @@ use std::io::{self, Cursor, Read, Seek};
 
 use ::tiff::{
     ColorType, TiffError,
-    decoder::{ChunkType, Decoder, DecodingResult, Limits as DecoderLimits},
+    decoder::{ChunkType, Decoder, DecodingResult, IfdDecoder, Limits as DecoderLimits},
     tags::{SampleFormat, Tag},
 };
 
 use super::{
-    Format, Header, ImageFault, Limits, Metadata,
+    CaptureTime, Format, Header, ImageFault, Limits, Metadata,
     alpha::{refuse, without_alpha},
     exif_block, orientation,
     tiff_colours::colours,
@@ -38,6 +38,7 @@ const OLD_REDUCED: u32 = 2;
 const REVERSED: u32 = 2;
 
 const DNG_VERSION: Tag = Tag::Unknown(0xC612);
+const DATE_TIME_ORIGINAL: Tag = Tag::Unknown(0x9003);
 
 fn fault(error: &TiffError) -> ImageFault {
     match error {
@@ -178,7 +179,7 @@ fn open<R: Read + Seek>(reader: R, limits: &Limits) -> Result<Opened<R>, ImageFa
         format: Format::Tiff,
         orientation,
         colour: colours(&mut decoder, channels).1,
-        taken: None,
+        taken: taken(&mut decoder),
     };
     Ok(Opened { decoder, page, header, stored: stored.stored })
 }
@@ -214,6 +215,24 @@ fn refuse_coding<R: Read + Seek>(decoder: &mut Decoder<R>) -> Result<Channels, I
         return Err(ImageFault::unsupported("the TIFF has floating point or signed samples"));
     }
     Ok(channels)
+}
+
+/// When the picture was taken: by the EXIF directory or, without one, by `DateTime`. A defect of these tags is no defect
+/// of the picture.
+fn taken<R: Read + Seek>(decoder: &mut Decoder<R>) -> Option<CaptureTime> {
+    // a hostile list would take much memory as a value
+    let value = |mut directory: IfdDecoder<'_>, tag| {
+        directory.find_entry(tag).filter(|entry| entry.count() <= 32)?;
+        directory.find_tag(tag).ok()?
+    };
+    let found = match value(decoder.image_ifd(), Tag::ExifDirectory) {
+        Some(pointer) => {
+            let exif = decoder.read_directory(pointer.into_ifd_pointer().ok()?).ok()?;
+            value(decoder.read_directory_tags(&exif), DATE_TIME_ORIGINAL)
+        }
+        None => value(decoder.image_ifd(), Tag::DateTime),
+    };
+    exif_block::capture_time(&found?.into_string().ok()?)
 }
 
 pub(super) fn probe(reader: impl Read + Seek, limits: &Limits) -> Result<Header, ImageFault> {

@@ -120,12 +120,17 @@ impl StackSubmission {
         let profile = format!("the profile of rig '{rig}' and lens '{lens}' (revision {revision})");
         if layout.front.len() != *slice_count as usize {
             let found = layout.front.len();
-            let skipped = archive::skipped(&layout.front).map_or(String::new(), |skipped| format!(": {skipped}"));
+            let copies = archive::copies(&layout.front);
+            let why = archive::copied(&layout.front).or_else(|| archive::skipped(&layout.front));
+            let why = why.map_or(String::new(), |why| format!(": {why}"));
             let detail = format!(
-                "the archive has {found} front-light slices, {profile} has {slice_count}{skipped}; send all slices of the \
-                 stack, or calibrate again with this number of slices"
+                "the archive has {found} front-light slices, {profile} has {slice_count}{why}; send all slices of the \
+                 stack once, or calibrate again with this number of slices"
             );
-            return Err(Fault::new(Code::SliceCountMismatch, detail));
+            return Err(copies.iter().fold(Fault::new(Code::SliceCountMismatch, detail), |fault, copy| {
+                let slice = layout.front.iter().position(|name| name == copy).and_then(|at| u32::try_from(at).ok());
+                fault.in_file(*copy, slice)
+            }));
         }
         if !layout.back.is_empty() && layout.back.len() != layout.front.len() {
             let (front, back) = (layout.front.len(), layout.back.len());

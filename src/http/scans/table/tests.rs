@@ -72,6 +72,13 @@ fn a_number_that_another_label_ends_with_is_not_given_again() {
 }
 
 #[test]
+fn a_label_in_another_normal_form_is_the_same_view() {
+    let stacks = ["Ka\u{308}fer", "Käfer"].map(|label| stack(Some(label), None, None));
+    assert_eq!(stems(stacks.into()), ["K_fer"]);
+    assert_eq!(stems(vec![stack(Some("Käfer"), None, None), stack(Some("käfer"), None, None)]).len(), 2);
+}
+
+#[test]
 fn the_newest_stack_that_did_not_fail_counts() {
     let failed = ViewStack { state: JobState::Failed, ..stack(None, Some(20.0), Some(0.0)) };
     let (newer, older) = (stack(None, Some(20.0), Some(0.0)), stack(None, Some(20.0004), Some(0.0)));
