@@ -8,7 +8,6 @@ use std::{
     hash::{DefaultHasher, Hash, Hasher},
 };
 
-use super::table::View;
 use pinstack_science::types::metrics::SliceMetrics;
 
 /// A hash of the sharpness of the slices; none unless all are known and one is above 0.
@@ -20,12 +19,13 @@ pub fn of_slices(slices: &[SliceMetrics]) -> Option<String> {
     Some(format!("{:016x}", hash.finish()))
 }
 
-/// The names of views with the same pictures, group by group.
-pub fn groups(views: &[View]) -> Vec<Vec<String>> {
+/// The names of views with the same pictures, group by group. Each view comes with its name, and with what it has in
+/// common with others of the same pictures.
+pub fn groups<'a>(views: impl Iterator<Item = (&'a str, &'a [String])>) -> Vec<Vec<String>> {
     let mut of_pictures: HashMap<&str, Vec<&str>> = HashMap::new();
-    for view in views {
-        for pictures in &view.stack.pictures {
-            of_pictures.entry(pictures).or_default().push(&view.stem);
+    for (name, all) in views {
+        for pictures in all {
+            of_pictures.entry(pictures).or_default().push(name);
         }
     }
     // copies of a zip agree in both measures

@@ -54,7 +54,7 @@ pub(super) fn findings(
         found.push(ScanFinding::of("duplicate_angles", detail, twice));
     }
     found.extend(mixed_cameras(views, rows));
-    let copies = same_pictures::groups(views);
+    let copies = same_pictures::groups(views.iter().map(|view| (view.stem.as_str(), &view.stack.pictures[..])));
     if !copies.is_empty() {
         let detail = format!(
             "the same pictures are in several views, {}: was a folder renamed, or sent under another label or angle? \
