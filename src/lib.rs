@@ -7,12 +7,15 @@
 //! `docs/ARCHITECTURE.md` gives the reasons).
 
 #![forbid(unsafe_code)]
-#![warn(unreachable_pub)]
+// what cannot be written must not panic: `cli::output`, and the log
+#![warn(unreachable_pub, clippy::print_stdout, clippy::print_stderr)]
 
 pub mod contract;
 pub mod https;
 
 pub mod telemetry;
+
+pub mod supervision;
 
 pub mod store;
 

@@ -1,6 +1,7 @@
 //! The `pinstack` binary: parses the command line and runs the command.
 
 #![forbid(unsafe_code)]
+#![warn(clippy::print_stdout, clippy::print_stderr)]
 
 // why: Cargo.toml
 #[cfg(target_env = "musl")]

@@ -9,7 +9,7 @@ use pinstack_science::{
         alignment,
         sampling::Blocks,
         score::Scorer,
-        slice::{Fingerprint, RowMeasurements, SliceMeter, WarpedSlice},
+        slice::{Cells, Fingerprint, RowMeasurements, SliceMeter, WarpedSlice},
     },
 };
 
@@ -30,6 +30,7 @@ fn measure(c: &mut Criterion) {
     let luma = picture(WIDTH, HEIGHT, 1);
     let samples: Vec<u8> = luma.data.iter().flat_map(|&v| [v as u8, (v / 2.0) as u8, v as u8]).collect();
     let (meter, coverage) = (SliceMeter::new(WIDTH, HEIGHT, 20, 10, None), Coverage::full(WIDTH, HEIGHT));
+    let cells = Cells::of(WIDTH, HEIGHT);
     let row = |y: usize, x: usize, width: usize| &samples[(y * WIDTH + x) * 3..][..width * 3];
     let read = |rect: Rect| {
         let rows = (rect.y..rect.y + rect.height).flat_map(|y| row(y, rect.x, rect.width));
@@ -44,10 +45,11 @@ fn measure(c: &mut Criterion) {
             let fingerprint = Fingerprint::of(&samples, 3, WIDTH, HEIGHT);
             let mut rows = RowMeasurements::default();
             for y in 0..HEIGHT {
-                rows.take_samples(&meter, y, row(y, 0, WIDTH), 3, slice.gain);
+                rows.take_samples(cells, y, row(y, 0, WIDTH), 3, slice.gain);
                 rows.take_saliency(&meter, y, &saliency, &(0..WIDTH));
             }
-            meter.measure(3, black_box(&slice), rows, fingerprint)
+            let brightness = rows.brightness::<u8>(cells, &coverage, 3, slice.gain);
+            meter.measure(3, black_box(&slice), rows, brightness, fingerprint)
         });
     });
     group.finish();

@@ -55,7 +55,7 @@
 //! # Ok::<(), pinstack_science::types::Interrupted>(())
 //! ```
 
-#![warn(unreachable_pub, clippy::disallowed_types)]
+#![warn(unreachable_pub, clippy::disallowed_types, clippy::print_stdout, clippy::print_stderr)]
 
 pub mod imaging;
 pub mod target;

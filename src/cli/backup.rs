@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Args;
 
-use super::store::{Place, open};
+use super::{
+    output::say,
+    store::{Place, open},
+};
 use crate::{
     settings::Settings,
     store::{
@@ -109,7 +112,7 @@ async fn into_database(from: &Path, config: Settings, database: &DatabaseUrl, fi
     if files_only {
         to.metadata.close().await;
         data_folder::remove_file(&rows)?;
-        println!("the files are copied; stop the server of {}, then restore without --files-only", from.display());
+        say(format!("the files are copied; stop the server of {}, then restore without --files-only", from.display()));
         return Ok(());
     }
     let filled = data_folder::fill_database(database, &rows).await;
@@ -123,15 +126,15 @@ async fn into_database(from: &Path, config: Settings, database: &DatabaseUrl, fi
 
 fn print(copied: Copied) {
     let Copied { jobs, files, bytes, kept, unreadable } = copied;
-    println!("{jobs} jobs; {files} files copied ({bytes} bytes), {kept} were there already");
+    say(format!("{jobs} jobs; {files} files copied ({bytes} bytes), {kept} were there already"));
     if unreadable > 0 {
-        println!("{unreadable} jobs cannot be read; they are copied unchanged, and 'pinstack verify' lists them");
+        say(format!("{unreadable} jobs cannot be read; they are copied unchanged, and 'pinstack verify' lists them"));
     }
 }
 
 fn require_complete(report: &Report) -> anyhow::Result<()> {
     for line in report.faults.iter().chain(&report.unreadable) {
-        println!("{line}");
+        say(&line);
     }
     if report.faults.is_empty() {
         return Ok(());

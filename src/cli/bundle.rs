@@ -6,7 +6,7 @@ use anyhow::{Context, anyhow};
 use clap::Args;
 use futures::StreamExt;
 
-use super::store::Place;
+use super::{output::say, store::Place};
 use crate::{
     contract::Name,
     http::{App, Policy, auth::Caller, scans::bundle},
@@ -60,7 +60,7 @@ impl Bundle {
         }
         file.sync_all().with_context(cannot)?;
         store.metadata.close().await;
-        println!("{}: {} bytes", out.display(), zip.length());
+        say(format!("{}: {} bytes", out.display(), zip.length()));
         Ok(())
     }
 }

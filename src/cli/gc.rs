@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use super::store::Place;
+use super::{output::say, store::Place};
 use crate::store::gc::{GRACE, collect};
 
 /// Remove expired stacks and uploads, and files that belong to no stack, now instead of at the next hour. A server may
@@ -36,10 +36,10 @@ impl Gc {
             }
             let removed = collect(&store, Duration::from_secs(self.grace_s), &config.retention()).await?;
             store.metadata.close().await;
-            println!(
+            say(format!(
                 "removed: {} expired jobs, {} expired zips of jobs, {} expired uploads, files of {} unknown jobs",
                 removed.expired, removed.uploads, removed.given_up, removed.orphans
-            );
+            ));
             Ok(())
         })
     }

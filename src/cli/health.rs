@@ -10,7 +10,7 @@ use tokio::{
 };
 use tokio_rustls::rustls::pki_types::ServerName;
 
-use super::tls;
+use super::{output::say, tls};
 
 /// Timeout of the check.
 const TIMEOUT: Duration = Duration::from_secs(5);
@@ -44,7 +44,7 @@ pub fn run(flags: &Flags) -> anyhow::Result<()> {
         let answer = client.get(&url).send().await.with_context(|| format!("{url} does not answer"))?;
         let status = answer.status();
         let body = answer.text().await.unwrap_or_default();
-        println!("{body}");
+        say(&body);
         if !status.is_success() {
             bail!("{url} answers {status}");
         }
@@ -68,7 +68,7 @@ async fn ask_by_tls(address: &str, certificate: &std::path::Path) -> anyhow::Res
     stream.read_to_end(&mut answer).await?;
     let answer = String::from_utf8_lossy(&answer);
     let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
-    println!("{body}");
+    say(&body);
     let status = head.split_whitespace().nth(1).unwrap_or("without a status");
     if status != "200" {
         bail!("https://{address}/readyz answers {status}");

@@ -1,8 +1,25 @@
 //! The log, written to stderr: text for a terminal, or one JSON object per line for a collector.
+//!
+//! A thread of its own writes the lines. What logs never waits for it and never fails: stderr may be a pipe that no one
+//! reads any more, or a file on a full disk. Lines that cannot be written are dropped and counted; later lines are
+//! written once stderr works again. Panics are logged too, by their hook.
 
-use std::io::{self, IsTerminal, Write};
+use std::{
+    backtrace::{Backtrace, BacktraceStatus},
+    fs::File,
+    io::{self, IsTerminal, Write},
+    os::fd::AsFd,
+    panic,
+    sync::{
+        OnceLock,
+        mpsc::{Receiver, SyncSender, sync_channel},
+    },
+    thread,
+    time::Duration,
+};
 
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
+use tracing::field;
 use tracing_subscriber::{
     filter::{LevelFilter, Targets},
     fmt,
@@ -10,19 +27,36 @@ use tracing_subscriber::{
     util::SubscriberInitExt,
 };
 
-use crate::settings::LogFormat;
+use crate::{settings::LogFormat, telemetry::events};
+
+/// Lines that wait to be written. More are dropped.
+const WAITING: usize = 8192;
+/// How long the end of the process waits for the lines that wait.
+const FLUSH_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// The lines of this process, once it logs.
+static LINES: OnceLock<SyncSender<Entry>> = OnceLock::new();
+
+/// What waits for the thread that writes.
+enum Entry {
+    /// A whole line.
+    Line(Vec<u8>),
+    /// A caller waits for the end of the lines before it.
+    Flush(SyncSender<()>),
+}
 
 /// Starts logging. `filter` is a level, or levels by crate or module: `info`, `info,pinstack=debug`, ...
 ///
 /// # Errors
-/// When the filter is not valid.
+/// When the filter is not valid, or no thread can be started.
 pub fn start(filter: &str, format: LogFormat) -> anyhow::Result<()> {
     let filter = filter_of(filter)?;
     // colours only on a terminal, not in a file or a collector
     let colours = std::io::stderr().is_terminal();
+    let lines = start_writing().context("log: cannot be written to the standard error")?;
     let log = fmt()
         .with_max_level(LevelFilter::TRACE)
-        .with_writer(move || OneLine { to: io::stderr(), colours })
+        .with_writer(move || OneLine { to: Queue(lines.clone()), colours })
         .with_ansi(colours);
     // fails if logging was started before (by another service in this process), which then stays as it is
     let _ = match format {
@@ -30,7 +64,69 @@ pub fn start(filter: &str, format: LogFormat) -> anyhow::Result<()> {
         // an event is within one span at most (`request` or `job`), so the list of spans would repeat it
         LogFormat::Json => log.json().with_span_list(false).finish().with(filter).try_init(),
     };
+    panic::set_hook(Box::new(|panic| {
+        let backtrace = Backtrace::capture();
+        let backtrace = (backtrace.status() == BacktraceStatus::Captured).then(|| field::display(backtrace));
+        tracing::error!(%panic, backtrace, "panicked");
+    }));
     Ok(())
+}
+
+/// Waits until what was logged is written, but not long: stderr may hang.
+pub fn flush() {
+    let Some(lines) = LINES.get() else { return };
+    let (flushed, wait) = sync_channel(1);
+    // a full queue is not being written
+    if lines.try_send(Entry::Flush(flushed)).is_ok() {
+        let _ = wait.recv_timeout(FLUSH_TIMEOUT);
+    }
+}
+
+/// Starts the thread that writes to stderr, once.
+fn start_writing() -> io::Result<SyncSender<Entry>> {
+    if let Some(lines) = LINES.get() {
+        return Ok(lines.clone());
+    }
+    // without the lock of `io::stderr`, which others take, and which would be held while a pipe is full
+    let stderr = File::from(io::stderr().as_fd().try_clone_to_owned()?);
+    let (lines, entries) = sync_channel(WAITING);
+    thread::Builder::new().name("log".into()).spawn(move || write_all(stderr, &entries))?;
+    Ok(LINES.get_or_init(|| lines).clone())
+}
+
+/// Writes what arrives.
+fn write_all(mut to: impl Write, entries: &Receiver<Entry>) {
+    let mut is_torn = false;
+    for entry in entries {
+        match entry {
+            Entry::Line(line) => {
+                // a full disk may have taken the beginning of a line
+                let begun = if is_torn { to.write_all(b"\n") } else { Ok(()) };
+                is_torn = begun.and_then(|()| to.write_all(&line)).is_err();
+                if is_torn {
+                    events::log_line_lost();
+                }
+            }
+            Entry::Flush(flushed) => _ = flushed.try_send(()),
+        }
+    }
+}
+
+/// The lines that wait.
+struct Queue(SyncSender<Entry>);
+
+impl Write for Queue {
+    /// `line` is a whole line. It is never an error that it cannot be written.
+    fn write(&mut self, line: &[u8]) -> io::Result<usize> {
+        if self.0.try_send(Entry::Line(line.to_vec())).is_err() {
+            events::log_line_lost();
+        }
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// The filter that the setting `log` describes.
@@ -89,6 +185,74 @@ mod tests {
         assert!(!enabled("off", "pinstack", tracing::Level::ERROR));
         let refused = filter_of("pinstack=loud").expect_err("no such level").to_string();
         assert!(refused.contains("pinstack=loud") && refused.contains("info,pinstack=debug"), "{refused}");
+    }
+
+    /// A disk with space for some bytes.
+    struct Disk {
+        space: std::rc::Rc<std::cell::Cell<usize>>,
+        written: std::rc::Rc<std::cell::RefCell<Vec<u8>>>,
+    }
+
+    impl Write for Disk {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let fits = bytes.len().min(self.space.get());
+            self.space.set(self.space.get() - fits);
+            self.written.borrow_mut().extend(&bytes[..fits]);
+            if fits == 0 { Err(io::ErrorKind::StorageFull.into()) } else { Ok(fits) }
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn lines_that_do_not_fit_are_dropped_and_later_ones_are_written_whole() {
+        let (space, written) = (std::rc::Rc::new(std::cell::Cell::new(7)), std::rc::Rc::default());
+        let log = |lines: &[&str]| {
+            let (sender, entries) = sync_channel(8);
+            let mut queue = Queue(sender);
+            lines.iter().for_each(|line| queue.write_all(line.as_bytes()).expect("it never fails"));
+            drop(queue);
+            entries
+        };
+        let entries = log(&["a\n", "bcdefgh\n", "lost\n"]);
+        let disk = || Disk { space: space.clone(), written: std::rc::Rc::clone(&written) };
+        write_all(disk(), &entries);
+        assert_eq!(*written.borrow(), b"a\nbcdef");
+        let (sender, entries) = sync_channel(8);
+        for line in ["lost", "whole\n"] {
+            sender.try_send(Entry::Line(line.into())).expect("it waits");
+        }
+        drop(sender);
+        // the disk has space again after the first of these lines
+        struct Freed(Disk);
+        impl Write for Freed {
+            fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+                let written = self.0.write(bytes);
+                if written.is_err() {
+                    self.0.space.set(100);
+                }
+                written
+            }
+
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        write_all(Freed(disk()), &entries);
+        assert_eq!(*written.borrow(), b"a\nbcdef\nwhole\n");
+    }
+
+    #[test]
+    fn a_log_that_is_not_written_makes_no_one_wait() {
+        let (sender, entries) = sync_channel(2);
+        let mut queue = Queue(sender);
+        for _ in 0..100 {
+            queue.write_all(b"a line\n").expect("it never fails");
+        }
+        drop(queue);
+        assert_eq!(entries.iter().count(), 2);
     }
 
     #[test]

@@ -10,6 +10,7 @@ pub mod gc;
 pub mod health;
 pub mod logging;
 pub mod openapi;
+pub mod output;
 pub mod plan;
 pub mod poses;
 mod process;
@@ -84,10 +85,11 @@ pub fn main() -> ExitCode {
         Some(Command::Target(target)) => target.run(),
         Some(Command::Health(flags)) => health::run(&flags),
     };
-    match done {
+    logging::flush();
+    match done.and_then(|()| output::require_complete()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("pinstack: {error:#}");
+            output::note(format!("pinstack: {error:#}"));
             ExitCode::FAILURE
         }
     }

@@ -1,12 +1,12 @@
 //! `pinstack openapi`: prints the OpenAPI document.
 
-use std::io::Write;
+use super::output::say;
 
 /// Prints the OpenAPI document.
 ///
 /// # Errors
-/// When the output is closed.
+/// None at present.
 pub fn run() -> anyhow::Result<()> {
-    std::io::stdout().write_all(crate::http::router::DOCUMENT.text().as_bytes())?;
+    say(crate::http::router::DOCUMENT.text().trim_end());
     Ok(())
 }

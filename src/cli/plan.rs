@@ -3,6 +3,7 @@
 use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 
+use super::output::say;
 use pinstack_science::{
     optics::{
         advice::advice,
@@ -44,7 +45,7 @@ pub struct Plan {
     /// Diameter of the exit pupil divided by that of the entrance pupil
     #[arg(long, value_name = "P", default_value_t = 1.0)]
     pupil_ratio: f64,
-    /// Fraction of the depth of field by which neighbouring slices overlap, 0 to 0.95
+    /// Fraction of the depth of field (geometry and diffraction) by which neighbouring slices overlap, 0 to 0.95
     #[arg(long, value_name = "SHARE", default_value_t = 0.5)]
     overlap: f64,
     /// Wavelength of the light, nm
@@ -101,9 +102,9 @@ impl Plan {
         };
         let plan = plan(&input).map_err(|error| anyhow!("{}", error.detail))?;
         if self.json {
-            println!("{}", serde_json::to_string_pretty(&plan)?);
+            say(serde_json::to_string_pretty(&plan)?);
         } else {
-            print!("{}", text(&plan));
+            say(text(&plan).trim_end());
         }
         Ok(())
     }
@@ -114,11 +115,14 @@ fn text(plan: &CapturePlan) -> String {
     let field =
         plan.field_of_view_mm.map(|[w, h]| format!("field of view     {w:.2} x {h:.2} mm\n")).unwrap_or_default();
     let common = plan.common_field.map(|share| format!("seen by all       {:.1} % of the width\n", 100.0 * share));
+    let contrast = plan.contrast_between_slices.map(|contrast| {
+        format!("between slices    {:.0} % of the contrast in focus, at half the Nyquist frequency\n", 100.0 * contrast)
+    });
     let mut out = format!(
         "magnification     {:.3} (reference slice {:.3})\nobject distance   {:.2} mm\nprincipal distance {:.2} mm = {:.1} px\n\
          effective f-number {:.1} (Airy disc {:.1} um, circle of confusion {:.1} um)\n\
          depth of field    {:.4} mm (geometric {:.4}, wave {:.4})\n{field}{}\
-         slices            {}, reference {}\nrail              {:.4} mm in steps of {:.4} mm (at most {:.4})\n\n\
+         slices            {}, reference {}\nrail              {:.4} mm in steps of {:.4} mm (at most {:.4})\n{}\n\
          slice  rail mm   depth mm  scale     brightness  target blur px\n",
         plan.magnification,
         plan.reference_magnification,
@@ -137,6 +141,7 @@ fn text(plan: &CapturePlan) -> String {
         plan.travel_mm,
         plan.step_mm,
         plan.largest_step_mm,
+        contrast.unwrap_or_default(),
     );
     for slice in &plan.slices {
         out.push_str(&format!(

@@ -6,6 +6,7 @@ use anyhow::{Context, anyhow};
 use clap::{Args, ValueEnum};
 use serde::{Deserialize, de::IntoDeserializer};
 
+use super::output::say;
 use crate::http::{pages::pose_report, poses::MAX_BYTES};
 use pinstack_science::photogrammetry::poses::{KnownScale, PoseFormat, PoseOptions, read, report};
 
@@ -89,7 +90,7 @@ impl Poses {
         };
         match &self.out {
             Some(out) => fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?,
-            None => print!("{text}"),
+            None => say(text.trim_end()),
         }
         Ok(())
     }

@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
+use super::logging;
+
 /// How long running jobs may take to end after the shutdown begins. Then they return to the queue.
 pub(super) const GRACE: Duration = Duration::from_secs(5);
 
@@ -37,6 +39,7 @@ impl StopSignals {
             ended = shutdown => ended,
             () = self.next() => {
                 tracing::warn!("the process ends at once; another process, or the next one, resumes the jobs that were running");
+                logging::flush();
                 std::process::exit(ENDED_BY_SIGNAL)
             }
         }

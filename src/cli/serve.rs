@@ -9,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 use super::{
     access::{TokensRequired, tokens_required},
     files, logging,
+    output::note,
     process::{GRACE, StopSignals},
     store::{create, make_files_private},
     tls,
@@ -34,7 +35,7 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         let service = Service::start(&config).await?;
         let signals = StopSignals::listen()?;
         let scheme = if config.tls_cert.is_some() { "https" } else { "http" };
-        eprintln!("listening on {scheme}://{}", service.address());
+        note(format!("listening on {scheme}://{}", service.address()));
         if let Some(file) = &config.port_file {
             write_port_file(file, service.address())?;
         }
@@ -90,9 +91,12 @@ impl Service {
         let app = App::new(store.clone(), policy);
         let shutdown = app.shutdown.clone();
         let science = ScienceRunner { archive_limits: app.policy.archive, ..ScienceRunner::default() };
-        let (disk, runner) = (Arc::clone(&app.disk), Arc::new(science));
+        let (disk, health, runner) = (Arc::clone(&app.disk), Arc::clone(&app.health), Arc::new(science));
         let deps = Deps { store: store.clone(), disk, runner };
         let pool = Pool::start(deps, config.worker());
+        if config.workers > 0 {
+            health.watch_workers(pool.alive());
+        }
         let maintenance = maintenance::start(store, maintenance::EVERY, config.retention());
         let server = tokio::spawn(http::serve_over(app, listener, tls));
         Ok(Self { address, shutdown, server, pool, _maintenance: maintenance })

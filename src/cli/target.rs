@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, anyhow, bail};
 use clap::{Args, ValueEnum};
 
+use super::output::say;
 use pinstack_science::optics::page::{self, PageFormat, TargetInput, TargetPage};
 
 /// Write a dot target to print, as PDF or SVG at true scale
@@ -78,7 +79,7 @@ impl Target {
             PageFormat::Svg => page.svg().into_bytes(),
         };
         std::fs::write(&self.out, bytes).with_context(|| format!("cannot write {}", self.out.display()))?;
-        println!("{}: {:.1} x {:.1} mm", self.out.display(), page.width, page.height);
+        say(format!("{}: {:.1} x {:.1} mm", self.out.display(), page.width, page.height));
         Ok(())
     }
 }

@@ -5,7 +5,10 @@ use std::path::Path;
 use anyhow::{Context, anyhow};
 use clap::{Args, Subcommand};
 
-use super::store::Place;
+use super::{
+    output::{note, say, say_once},
+    store::Place,
+};
 use crate::{
     contract::Name,
     store::{
@@ -94,12 +97,13 @@ async fn add(
     let (id, secret, text) = mint().context("the operating system provides no random bytes")?;
     let quota_bytes = quota_gb.map(|gb| gb.saturating_mul(GB));
     let token = NewToken { id, name: name.clone(), digest: secret.digest(), scopes, quota_bytes };
-    if !metadata.add_token(&token).await? {
-        return Err(taken());
+    // shown before it is stored: a token that cannot be shown must not exist
+    say_once(&text)?;
+    if !metadata.add_token(&token).await.context("the token above was not stored and is not valid")? {
+        return Err(taken().context("the token above was not stored and is not valid"));
     }
-    eprintln!("A server on this folder requires tokens from its next request on, unless auth is none.");
-    eprintln!("The token is shown only this once; the service stores a digest of it.");
-    println!("{text}");
+    note("A server on this folder requires tokens from its next request on, unless auth is none.");
+    note("The token is shown only this once; the service stores a digest of it.");
     Ok(())
 }
 
@@ -109,7 +113,7 @@ async fn list(metadata: &dyn MetadataStore) -> anyhow::Result<()> {
         let used = metadata.used_bytes(token.id).await? as f64 / GB as f64;
         let quota = token.quota_bytes.map(|bytes| format!(" of {} GB", bytes / GB)).unwrap_or_else(|| " GB".to_owned());
         let (name, scopes, made) = (&token.name, names(&token.scopes, ","), token.created_at);
-        println!("{name}\t{scopes}\tmade {made:.0}\t{state}\t{used:.1}{quota} used");
+        say(format!("{name}\t{scopes}\tmade {made:.0}\t{state}\t{used:.1}{quota} used"));
     }
     Ok(())
 }

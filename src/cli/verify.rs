@@ -3,7 +3,7 @@
 use anyhow::bail;
 use clap::Args;
 
-use super::store::Place;
+use super::{output::say, store::Place};
 use crate::store::verify::{Depth, verify};
 
 /// Verify that every file that the database refers to exists and is unchanged; the exit code is 0 if so. A server may
@@ -28,12 +28,12 @@ impl Verify {
             let (_, store) = self.place.open().await?;
             let report = verify(&store, depth).await?;
             store.metadata.close().await;
-            println!(
+            say(format!(
                 "{} jobs, {} files ({} bytes), {} profile revisions, {} open uploads; files of {} unknown jobs",
                 report.jobs, report.files, report.bytes, report.revisions, report.open_uploads, report.orphans
-            );
+            ));
             for line in report.faults.iter().chain(&report.unreadable) {
-                println!("{line}");
+                say(&line);
             }
             if !report.unreadable.is_empty() {
                 let (count, faults) = (report.unreadable.len(), report.faults.len());

@@ -6,6 +6,7 @@ use anyhow::bail;
 
 use super::{
     files, logging,
+    output::note,
     process::{GRACE, StopSignals},
     store::{create, make_files_private},
 };
@@ -36,7 +37,7 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         let (disk, runner) = (DiskBudget::new(&store, config.min_free_bytes), Arc::new(ScienceRunner::default()));
         let pool = Pool::start(Deps { store: store.clone(), disk, runner }, config.worker());
         let maintenance = maintenance::start(store.clone(), maintenance::EVERY, config.retention());
-        eprintln!("{} workers run jobs of {}", config.workers, config.data_dir.display());
+        note(format!("{} workers run jobs of {}", config.workers, config.data_dir.display()));
         signals.end_by(pool.shutdown(GRACE)).await;
         drop(maintenance);
         store.metadata.close().await;

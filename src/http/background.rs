@@ -1,11 +1,11 @@
-//! Background tasks and blocking work of requests. Their log lines have the fields of the request, and their steps are
-//! spans of its trace. All tasks that a request starts begin here, except the one that polls for waiting requests
-//! ([`super::state::job_watch`]), so that no log line lacks its request id.
+//! Background tasks and blocking work of requests. Their log lines have the fields of the request, their steps are
+//! spans of its trace, and their links are those of its client. All tasks that a request starts begin here, except the
+//! one that polls for waiting requests ([`super::state::job_watch`]), so that no log line lacks its request id.
 
 use tokio::task::JoinHandle;
 use tracing::{Instrument, Span};
 
-use super::{ApiError, ApiResult};
+use super::{ApiError, ApiResult, links};
 use crate::telemetry::traces;
 
 /// Starts a task in the span of the request.
@@ -15,7 +15,7 @@ where
     F: Future + Send + 'static,
     F::Output: Send + 'static,
 {
-    tokio::spawn(traces::carried(work).in_current_span())
+    tokio::spawn(traces::carried(links::carried(work)).in_current_span())
 }
 
 /// Does work to its end, also when the client disconnects and the future of its request is dropped.
@@ -29,7 +29,7 @@ pub async fn to_the_end<T: Send + 'static>(work: impl Future<Output = ApiResult<
 /// Starts blocking work on a thread of its own, in the span of the request.
 #[expect(clippy::disallowed_methods, reason = "this is where the request goes along")]
 pub fn spawn_blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> JoinHandle<T> {
-    let (span, work) = (Span::current(), traces::carried_by_thread(work));
+    let (span, work) = (Span::current(), traces::carried_by_thread(links::carried_by_thread(work)));
     tokio::task::spawn_blocking(move || span.in_scope(work))
 }
 

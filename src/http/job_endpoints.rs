@@ -57,11 +57,11 @@ macro_rules! endpoints {
             tag = $many,
             summary = concat!("Get a ", $one),
             description = concat!(
-                "With `Prefer: wait=N` the response is sent when the ", $one, " has ended, or after N seconds (at most 60)."
+                "With `Prefer: wait=N` the response is sent when the ", $one, " has ended, or after N seconds (at most 50)."
             ),
             params(
                 ("id" = String, Path, description = concat!("Id of the ", $one)),
-                ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 60) for the job to end"),
+                ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 50) for the job to end"),
             ),
             responses(
                 (status = 200, description = concat!("The ", $one), body = $view),

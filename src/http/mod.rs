@@ -4,6 +4,10 @@
 
 #![warn(clippy::disallowed_methods)]
 
+// first, because its macro is in scope from here on
+#[macro_use]
+pub mod links;
+
 pub mod artifacts;
 pub mod auth;
 pub mod background;

@@ -115,7 +115,7 @@ impl IntoResponse for ApiError {
 pub fn problem(fault: &Fault, instance: Option<String>) -> Problem {
     let problem_type = problem_type(fault.code);
     Problem {
-        kind: format!("/problems/{}", fault.code.name()),
+        kind: link!("/problems/{}", fault.code.name()),
         title: problem_type.title.to_owned(),
         status: problem_type.status.as_u16(),
         detail: fault.detail.clone(),

@@ -72,7 +72,8 @@ problem_types! {
 
     CrossOriginRequest: S::FORBIDDEN, Later, "Cross-origin request refused",
         "A page of another origin sent a request that changes something, and the service requires no token. Add the \
-         origin to the setting 'cors_origins', or require tokens.",
+         origin to the setting 'cors_origins', or require tokens. If the page is one of the service, a proxy has changed \
+         the header Host: let the proxy pass it on.",
         "the request comes from a page of the origin https://other.example; while the service requires no token, \
          it accepts changes only from its own pages and from programs that are not browsers; to allow an origin, \
          add it to the setting 'cors_origins'";
@@ -81,7 +82,7 @@ problem_types! {
         "The Host header is neither an address of the service nor one of its names, and the service requires no token. \
          A web page could read the service through such a name (DNS rebinding). Add the name to the setting 'hosts'.",
         "the request is for the host 'other.example', which is not a name of this service; use its address, or add the \
-         name to the setting 'hosts' (PINSTACK_HOSTS)";
+         name to the setting 'hosts' (PINSTACK_HOSTS); a proxy in between must pass on the header Host of the client";
 
     TooManyRequests: S::TOO_MANY_REQUESTS, AfterSeconds(1), "Too many requests in progress",
         "Too many requests of this token are in progress: uploads, downloads, event streams, waiting requests. Retry \

@@ -17,7 +17,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 use super::{
     App, calibrations, job_endpoints,
-    middleware::{auth, browser, cors, method, observe, problems, request_id, security, slot, trace},
+    middleware::{auth, browser, cors, method, observe, prefix, problems, request_id, security, slot, trace},
     optics, pages, poses, profiles, scans, stacks, system, targets, uploads,
 };
 
@@ -106,7 +106,10 @@ pub fn service(app: App) -> Router {
         .layer(from_fn(uploads::protocol::name_version))
         .layer(from_fn_with_state(app.clone(), cors::answer))
         .layer(from_fn(observe::requests))
+        .layer(from_fn(prefix::enter))
         .layer(from_fn(trace::requests))
         .layer(from_fn(request_id::keep_or_make))
+        // what the layers above panic about
+        .layer(CatchPanicLayer::custom(problems::from_panic))
         .with_state(app)
 }

@@ -23,7 +23,7 @@ use super::{
     router,
     session::OverTls,
 };
-use crate::telemetry;
+use crate::{supervision::supervised, telemetry};
 
 /// How long requests in progress may take after the shutdown begins.
 const GRACE: Duration = Duration::from_secs(10);
@@ -48,9 +48,9 @@ pub async fn serve(app: App, listener: TcpListener) -> io::Result<()> {
 /// As [`serve`].
 pub async fn serve_over(app: App, listener: TcpListener, tls: Option<TlsAcceptor>) -> io::Result<()> {
     #[expect(clippy::disallowed_methods, reason = "it belongs to no request")]
-    let upkeep = tokio::spawn(upkeep());
+    let upkeep = tokio::spawn(supervised("upkeep of the metrics", upkeep));
     let connections = GracefulShutdown::new();
-    accept_all(&app, &listener, tls, &connections).await;
+    supervised("accept loop", || accept_all(&app, &listener, tls.clone(), &connections)).await;
     drop(listener);
     if timeout(GRACE, connections.shutdown()).await.is_err() {
         tracing::warn!("requests still in progress are aborted");

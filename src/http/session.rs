@@ -4,7 +4,8 @@
 //! |---|---|
 //! | `HttpOnly` | no script can read the token |
 //! | `SameSite=Strict` | the browser does not send it with requests of other sites |
-//! | `Secure`, and the prefix `__Host-`, over TLS | the token never travels in clear |
+//! | `Secure`, and the prefix `__Host-` or `__Secure-`, over TLS | the token never travels in clear |
+//! | `Path`: that of the service | no other service of the host gets it |
 //! | no lifetime | it ends with the browser |
 //!
 //! Another service on the same machine is the same site for a browser. So a change by cookie must come from a page of
@@ -16,20 +17,27 @@ use std::sync::Arc;
 use axum::http::{HeaderMap, HeaderValue, header, request::Parts};
 
 use super::{
-    ApiError, ApiResult,
+    ApiResult,
     connections::Seat,
-    middleware::browser::{is_of_own_page, sender},
+    links,
+    middleware::browser::{foreign_page, is_of_own_page},
 };
-use crate::contract::Code;
 
 /// Name of the cookie without TLS.
 const PLAIN: &str = "pinstack_token";
 /// Name of the cookie over TLS. Browsers accept this prefix only with `Secure`, and with no other domain or path.
-const SECURE: &str = "__Host-pinstack_token";
+const OF_HOST: &str = "__Host-pinstack_token";
+/// The same below a sub-path, which other services share the host with.
+const OF_PATH: &str = "__Secure-pinstack_token";
 
 /// Marks requests on TLS connections of this server.
 #[derive(Debug, Clone, Copy)]
 pub struct OverTls;
+
+/// Name of the cookie over TLS of a service at this sub-path.
+fn secure(prefix: &str) -> &'static str {
+    if prefix.is_empty() { OF_HOST } else { OF_PATH }
+}
 
 /// The token in the cookie of a request.
 pub fn token(headers: &HeaderMap) -> Option<String> {
@@ -37,7 +45,7 @@ pub fn token(headers: &HeaderMap) -> Option<String> {
     let pairs: Vec<(&str, &str)> =
         pairs.flat_map(|list| list.split(';')).filter_map(|p| p.trim().split_once('=')).collect();
     let named = |name: &str| pairs.iter().find(|(found, _)| *found == name).map(|(_, value)| (*value).to_owned());
-    named(SECURE).or_else(|| named(PLAIN)).filter(|token| !token.is_empty())
+    named(secure(&links::prefix())).or_else(|| named(PLAIN)).filter(|token| !token.is_empty())
 }
 
 /// Checks that a change comes from one of the service's own pages. Reading needs no check.
@@ -48,13 +56,7 @@ pub fn require_own_page(request: &Parts) -> ApiResult<()> {
     if request.method.is_safe() || is_of_own_page(request) {
         return Ok(());
     }
-    let origin = request.headers.get(header::ORIGIN).and_then(|origin| origin.to_str().ok());
-    let detail = format!(
-        "the request comes from {}; a browser that is signed in may change things only from the pages of this service; \
-         other programs send the token in the header Authorization",
-        sender(origin)
-    );
-    Err(ApiError::new(Code::CrossOriginRequest, detail))
+    Err(foreign_page(request))
 }
 
 /// Whether the client uses TLS, to this server or to a trusted proxy in front of it.
@@ -65,14 +67,17 @@ fn is_secure(request: &Parts) -> bool {
 
 /// The headers `Set-Cookie` that sign in with a token, or sign out with an empty one.
 pub fn cookies(request: &Parts, token: &str) -> Vec<HeaderValue> {
+    let prefix = links::prefix();
+    let path = if prefix.is_empty() { "/" } else { &*prefix };
+    let secure_name = secure(&prefix);
     let of = |name: &str, token: &str| {
-        let secure = if name == SECURE { "; Secure" } else { "" };
+        let secure = if name == secure_name { "; Secure" } else { "" };
         let age = if token.is_empty() { "; Max-Age=0" } else { "" };
-        HeaderValue::from_str(&format!("{name}={token}; Path=/; HttpOnly; SameSite=Strict{secure}{age}")).ok()
+        HeaderValue::from_str(&format!("{name}={token}; Path={path}; HttpOnly; SameSite=Strict{secure}{age}")).ok()
     };
     let cookies = match (is_secure(request), token.is_empty()) {
-        (true, true) => vec![of(SECURE, ""), of(PLAIN, "")],
-        (true, false) => vec![of(SECURE, token), of(PLAIN, "")],
+        (true, true) => vec![of(secure_name, ""), of(PLAIN, "")],
+        (true, false) => vec![of(secure_name, token), of(PLAIN, "")],
         (false, _) => vec![of(PLAIN, token)],
     };
     cookies.into_iter().flatten().collect()

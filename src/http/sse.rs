@@ -10,7 +10,7 @@
 //! The id of an event is the version of the job. Changes made by this process are seen at once, changes made by other
 //! processes at the next poll.
 
-use std::{convert::Infallible, time::Duration};
+use std::{convert::Infallible, sync::Arc, time::Duration};
 
 use axum::{
     http::{HeaderMap, StatusCode},
@@ -25,7 +25,7 @@ use uuid::Uuid;
 
 use crate::{
     contract::{JobState, Progress},
-    http::{App, views::JobDocument},
+    http::{App, links, views::JobDocument},
     store::Job,
 };
 
@@ -71,15 +71,19 @@ struct EventStream {
 
 impl EventStream {
     fn into_stream(self) -> impl Stream<Item = Result<Event, Infallible>> {
-        stream::unfold(self, |mut this| async move {
-            loop {
-                if let Some(event) = this.queue.pop() {
-                    return Some((Ok(event), this));
+        // the stream is polled when the handler has returned
+        let prefix = links::prefix();
+        stream::unfold(self, move |mut this| {
+            links::within(Arc::clone(&prefix), async move {
+                loop {
+                    if let Some(event) = this.queue.pop() {
+                        return Some((Ok(event), this));
+                    }
+                    if !this.poll_job().await {
+                        return None;
+                    }
                 }
-                if !this.poll_job().await {
-                    return None;
-                }
-            }
+            })
         })
     }
 

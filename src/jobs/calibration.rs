@@ -56,7 +56,7 @@ pub fn run(
     let control = Phase::new(sink, &MEASURING, READ, MEASURED);
     let slices = ThumbnailingSlices::new(archive.front(), &context.scratch);
     let measured = calibration::calibrate(&slices, &request.options, &control)?;
-    let input = profile_input(&measured, request);
+    let input = profile_input(&measured, request, archive.layout().orientation);
     input.check()?;
 
     let writing = Phase::new(sink, &[("writing", 1.0)], MEASURED, 1.0);
@@ -111,7 +111,7 @@ fn not_kept(keep: Keep) -> &'static str {
     }
 }
 
-fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> ProfileInput {
+fn profile_input(measured: &Calibration, request: &CalibrationRequest, orientation: u8) -> ProfileInput {
     ProfileInput {
         image_width: measured.width,
         image_height: measured.height,
@@ -128,6 +128,7 @@ fn profile_input(measured: &Calibration, request: &CalibrationRequest) -> Profil
         magnification: measured.magnification,
         distortion: measured.distortion,
         lateral_colour: measured.lateral_colour,
+        orientation: Some(orientation),
         ..ProfileInput::default()
     }
 }
@@ -183,6 +184,7 @@ mod tests {
         let output = run_with(&job, &recorder).expect("the calibration");
         let draft = output.profile.as_ref().expect("a profile");
         assert_eq!((draft.input.note.as_deref(), draft.calibration_id), (Some("spring"), Some(job.context.job.id)));
+        assert_eq!(draft.input.orientation, Some(1));
         for (i, homography) in draft.input.homographies.iter().enumerate() {
             let error = homography.corner_distance(&rig().homography(i), 240, 180);
             assert!(error < 0.3, "slice {i} is {error} px off");

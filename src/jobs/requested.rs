@@ -13,20 +13,34 @@ use pinstack_science::{
         Plan,
         height::{HeightMap, INVALID},
     },
+    imaging::Slices,
+    quality,
     segmentation::MaskParams,
-    types::{Error, ReadAt, fusion_options::GuidedParams, profile::ProfileInput},
+    types::{Error, ErrorKind, ReadAt, fusion_options::GuidedParams, profile::ProfileInput},
 };
 
 /// The archive with its slices in the order of fusion.
 ///
 /// # Errors
-/// As [`archive::open_shared`].
+/// As [`archive::open_shared`]. [`ErrorKind::InvalidArchive`] when names and times of capture disagree and the pictures
+/// agree with the one that was overruled.
 pub(super) fn archive(
     zip: Arc<dyn ReadAt>,
     options: &StackOptions,
     limits: &ArchiveLimits,
 ) -> Result<StackArchive, Error> {
     let archive = archive::open_shared(zip, limits)?;
+    if let Some(order) = archive.overruled_order()
+        && quality::focus_prefers(archive.front(), order)?
+    {
+        let names: Vec<&str> = order.iter().map(|&at| archive.front().name(at)).collect();
+        let detail = format!(
+            "the names and the EXIF times of the slices disagree on their order, and by their focus this order is right: \
+             {}; rename the files, or list them in manifest.json, and send the stack again",
+            names.join(", ")
+        );
+        return Err(Error::new(ErrorKind::InvalidArchive, detail));
+    }
     Ok(match options.order {
         SliceOrder::Name => archive,
         SliceOrder::Reverse => archive.reversed(),
@@ -58,4 +72,51 @@ pub fn mask_params(options: &StackOptions, width: usize, height: usize) -> MaskP
 pub(super) fn height_info(map: &HeightMap) -> HeightInfo {
     let &HeightMap { unit, direction, offset, scale, median_sigma, valid_fraction, .. } = map;
     HeightInfo { unit, direction, offset, scale, invalid: INVALID, median_sigma, valid_fraction }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jobs::testkit::{stack, zip};
+    use pinstack_science::imaging::{
+        Raster,
+        codec::{Metadata, encode_png},
+    };
+
+    /// A PNG with the EXIF time of capture `10:00:{second}`.
+    fn taken_at(picture: &Raster, second: usize) -> Vec<u8> {
+        let mut block = b"II*\0\x08\0\0\0\x01\0\x69\x87\x04\0\x01\0\0\0\x1A\0\0\0\0\0\0\0".to_vec();
+        block.extend(b"\x01\0\x03\x90\x02\0\x14\0\0\0\x2C\0\0\0\0\0\0\0");
+        block.extend(format!("2026:05:01 10:00:{second:02}\0").bytes());
+        let mut out = Vec::new();
+        encode_png(&mut out, picture, &Metadata { icc: None, exif: Some(block) }).expect("encode");
+        out
+    }
+
+    /// The archive of slices named `s0`, `s1`, ..., each a picture of the stack and its time.
+    fn opened(slices: [(usize, usize); 5]) -> Result<StackArchive, Error> {
+        let member = |(at, &(picture, second)): (usize, &(usize, usize))| {
+            (format!("s{at}.png"), taken_at(&stack().front[picture], second))
+        };
+        let bytes = zip(slices.iter().enumerate().map(member).collect());
+        archive(Arc::new(bytes), &StackOptions::default(), &ArchiveLimits::default())
+    }
+
+    #[test]
+    fn names_that_times_and_pictures_contradict_are_refused_before_fusion() {
+        let wrong = [(0, 10), (3, 13), (2, 12), (1, 11), (4, 14)];
+        let fault = opened(wrong).err().expect("two witnesses contradict the names");
+        assert_eq!(fault.kind, ErrorKind::InvalidArchive);
+        assert!(fault.detail.contains("right: s0.png, s3.png, s2.png, s1.png, s4.png; rename"), "{}", fault.detail);
+    }
+
+    #[test]
+    fn names_that_the_pictures_confirm_are_used_whatever_the_times_say() {
+        let retaken = [(0, 10), (1, 19), (2, 12), (3, 13), (4, 14)];
+        let archive = opened(retaken).expect("the pictures are in order");
+        assert_eq!(archive.warnings()[0].code, "order_contradicts_times");
+        assert_eq!(archive.layout().front[1], "s1.png");
+        let in_order = [(0, 10), (1, 11), (2, 12), (3, 13), (4, 14)];
+        assert_eq!(opened(in_order).expect("in order").warnings(), []);
+    }
 }

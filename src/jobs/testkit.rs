@@ -28,7 +28,7 @@ use crate::{
 use pinstack_science::{
     archive::{self, ArchiveLimits, pack},
     imaging::{
-        Raster,
+        Raster, Samples,
         codec::{self, Limits, Metadata, encode_png},
     },
     synth::{DotTarget, Light, Rig, Scene, Stage, Truth, target_stack},
@@ -197,7 +197,20 @@ impl TestJob {
 /// The artifact of this name and the picture in its file.
 pub(crate) fn picture<'a>(output: &'a JobOutput, name: &str) -> (&'a Artifact, Raster) {
     let (artifact, bytes) = file(output, name);
-    (artifact, codec::decode(&bytes, &Limits::default()).expect("a picture"))
+    (artifact, pixels(&bytes))
+}
+
+/// The pixels of a result, without alpha.
+pub(crate) fn pixels(bytes: &[u8]) -> Raster {
+    let rgba = codec::decode_rgba(bytes, &Limits::default()).expect("a picture");
+    if rgba.channels != 4 {
+        return codec::decode(bytes, &Limits::default()).expect("a picture");
+    }
+    let samples = match &rgba.samples {
+        Samples::Eight(s) => Samples::Eight(s.chunks_exact(4).flat_map(|pixel| pixel[..3].to_vec()).collect()),
+        Samples::Sixteen(s) => Samples::Sixteen(s.chunks_exact(4).flat_map(|pixel| pixel[..3].to_vec()).collect()),
+    };
+    Raster { channels: 3, samples, ..rgba }
 }
 
 /// The artifact of this name and the bytes of its file.

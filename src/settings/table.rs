@@ -140,7 +140,7 @@ settings! {
     lists {
         trusted_proxies = vec!["127.0.0.0/8".to_owned(), "::1".to_owned()], "trusted-proxy", "ADDRESS",
             "Address or range (10.0.0.0/8) of a reverse proxy: its connections are not limited per address, and its \
-             X-Forwarded-For is logged; may be given several times",
+             X-Forwarded-For, -Proto and -Prefix count; may be given several times",
             check |settings| settings.trusted_proxies.iter().all(|range| range.parse::<AddressRange>().is_ok())
                 => "must be addresses or ranges of them: 172.18.0.2 or 10.0.0.0/8",
             policy trusted_proxies: Vec<AddressRange> = ranges;

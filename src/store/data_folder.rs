@@ -35,8 +35,9 @@ pub async fn open(data_dir: &Path) -> StoreResult<Store> {
 /// # Errors
 /// As [`open`].
 pub async fn open_with_clock(data_dir: &Path, clock: Arc<dyn Clock>) -> StoreResult<Store> {
-    let metadata = SqliteMetadata::open_with_clock(data_dir.join(DATABASE), clock).await?;
-    Store::new(Arc::new(metadata), data_dir)
+    let metadata = Arc::new(SqliteMetadata::open_with_clock(data_dir.join(DATABASE), clock).await?);
+    // folders are made, which a full disk may refuse
+    metadata.freeing(|| async { Store::new(metadata.clone(), data_dir) }).await
 }
 
 /// Opens the metadata alone, for commands that need no blobs.

@@ -14,8 +14,9 @@ use pinstack_science::types::{
 };
 
 /// SHA-256 (hex) of what determines the pixels of a result: image size, reference slice, and for each slice the nine
-/// elements of its homography and its gain (1 if absent); and the lens distortion and the lateral colour if there are
-/// any. Note, rail positions and origin are not included: profiles with the same digest give the same image.
+/// elements of its homography and its gain (1 if absent); and the lens distortion, the lateral colour and the
+/// orientation of the slices if they are given. Note, rail positions and origin are not included: profiles with the
+/// same digest give the same image.
 pub fn profile_digest(input: &ProfileInput) -> String {
     let mut hash = Sha256::new();
     hash.update(b"pinstack profile 1\0");
@@ -40,6 +41,10 @@ pub fn profile_digest(input: &ProfileInput) -> String {
         for number in [red, blue].into_iter().flat_map(|of| [of.scale, of.shift_px[0], of.shift_px[1]]) {
             hash.update((number + 0.0).to_le_bytes());
         }
+    }
+    if let Some(orientation) = input.orientation {
+        hash.update(b"orientation\0");
+        hash.update([orientation]);
     }
     hex(&hash.finalize())
 }

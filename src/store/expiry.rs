@@ -23,9 +23,10 @@ pub struct Retention {
 /// Removes what has expired. Blobs are removed afterwards, by [`super::gc`].
 #[async_trait]
 pub trait Expiry: Send + Sync + 'static {
-    /// Removes the jobs whose retention time has expired. Returns their ids.
+    /// Removes some of the jobs whose retention time has expired. Returns their ids; none when all are removed.
     async fn delete_expired_jobs(&self, keep: &Retention) -> StoreResult<Vec<Uuid>>;
-    /// Marks the zips whose retention time has expired as removed. Returns the ids of their jobs.
+    /// Marks some of the zips whose retention time has expired as removed. Returns the ids of their jobs; none when all
+    /// are marked.
     async fn expire_job_uploads(&self, keep: &Retention) -> StoreResult<Vec<Uuid>>;
     /// Confirms the wall clock after a jump: what has expired by this clock may be removed. Without it, a step of more
     /// than a day that no process observed does not count towards expiry.

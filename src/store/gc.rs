@@ -60,13 +60,26 @@ pub struct Removed {
 pub async fn collect(store: &Store, grace: Duration, keep: &Retention) -> StoreResult<Removed> {
     let Store { metadata, blobs, parts, .. } = store;
     let mut removed = Removed::default();
-    for id in metadata.delete_expired_jobs(keep).await? {
-        delete_blobs(&**blobs, id).await?;
-        removed.expired += 1;
+    // some rows at a time, so that a full disk has their space before the next rows are written
+    loop {
+        let expired = metadata.delete_expired_jobs(keep).await?;
+        if expired.is_empty() {
+            break;
+        }
+        for id in expired {
+            delete_blobs(&**blobs, id).await?;
+            removed.expired += 1;
+        }
     }
-    for id in metadata.expire_job_uploads(keep).await? {
-        blobs.delete(&upload_key(id)).await?;
-        removed.uploads += 1;
+    loop {
+        let expired = metadata.expire_job_uploads(keep).await?;
+        if expired.is_empty() {
+            break;
+        }
+        for id in expired {
+            blobs.delete(&upload_key(id)).await?;
+            removed.uploads += 1;
+        }
     }
     for ExpiredUpload { id, was_open } in metadata.delete_expired_uploads().await? {
         gc_upload(store, id).await?;

@@ -17,6 +17,8 @@ pub trait MetadataStore: ProfileStore + ScanStore + JobQueue + Leases + Expiry +
     fn changes(&self) -> broadcast::Receiver<Uuid>;
     /// Sends something after jobs joined the queue, as far as this process knows. Workers poll as well.
     fn arrivals(&self) -> broadcast::Receiver<()>;
+    /// The identity of the service: that of its database, kept by a backup and its restore.
+    async fn service_id(&self) -> StoreResult<Uuid>;
     /// Sums over all rows, for metrics.
     async fn totals(&self) -> StoreResult<Totals>;
     /// True when the database answers.

@@ -60,6 +60,7 @@ pub(super) fn begin() {
         counter!(SWEEPS.name, "outcome" => outcome).increment(0);
     }
     swept(0, 0, 0, 0);
+    counter!(LOG_LINES_LOST.name).increment(0);
     spans_left(true, 0);
     spans_left(false, 0);
     for series in [WORKERS, WORKERS_BUSY, MEMORY_BUDGET_BYTES, MEMORY_RESERVED_BYTES] {
@@ -146,9 +147,18 @@ pub fn spans_left(exported: bool, count: usize) {
     counter!(TRACE_SPANS.name, "outcome" => outcome).increment(count as u64);
 }
 
-/// The workers of this process, and their memory in bytes.
-pub fn pool_started(workers: usize, memory_budget: u64) {
-    gauge!(WORKERS.name).set(workers as f64);
+/// A task that runs as long as the process panicked.
+pub fn task_panicked(task: &'static str) {
+    counter!(TASK_PANICS.name, "task" => task).increment(1);
+}
+
+/// A line of the log could not be written.
+pub fn log_line_lost() {
+    counter!(LOG_LINES_LOST.name).increment(1);
+}
+
+/// The memory of the workers of this process, bytes.
+pub fn pool_started(memory_budget: u64) {
     gauge!(MEMORY_BUDGET_BYTES.name).set(memory_budget as f64);
 }
 
@@ -167,6 +177,11 @@ impl Drop for Held {
     fn drop(&mut self) {
         gauge!(self.0).decrement(self.1);
     }
+}
+
+/// A worker is alive until this is dropped.
+pub fn alive() -> Held {
+    Held::new(&WORKERS, 1.0)
 }
 
 /// A worker has a job until this is dropped.

@@ -79,7 +79,7 @@ table! {
         "Jobs whose lease this process lost while it ran them"
 
     WORKERS Gauge "pinstack_workers" []
-        "Workers of this process"
+        "Workers of this process that are alive"
     WORKERS_BUSY Gauge "pinstack_workers_busy" []
         "Workers of this process that run a job"
     MEMORY_BUDGET_BYTES Gauge "pinstack_memory_budget_bytes" []
@@ -108,6 +108,11 @@ table! {
 
     TRACE_SPANS Counter "pinstack_trace_spans_total" ["outcome"]
         "Spans of traces that were exported, or lost because the queue was full or the collector did not take them"
+
+    TASK_PANICS Counter "pinstack_task_panics_total" ["task"]
+        "Panics of tasks that run as long as the process; each was started again"
+    LOG_LINES_LOST Counter "pinstack_log_lines_lost_total" []
+        "Lines of the log that could not be written"
 
     BUILD_INFO Gauge "pinstack_build_info" ["version"]
         "1, with the version as a label"

@@ -2,18 +2,22 @@
 
 use std::time::Duration;
 
-use tokio::task::JoinHandle;
+use tokio::{task::JoinHandle, time::timeout};
 
 use crate::{
     store::{
-        Retention, Store,
-        gc::{GRACE, collect},
+        Retention, Store, StoreError,
+        gc::{GRACE, Removed, collect},
     },
+    supervision::supervised,
     telemetry::events,
 };
 
 /// Time between two collections.
 pub const EVERY: Duration = Duration::from_secs(60 * 60);
+
+/// Time until the next collection after one that failed: what was in its way is over then, or is not.
+const AFTER_FAILURE: Duration = Duration::from_secs(30);
 
 /// The running task; it ends when this is dropped.
 pub struct Maintenance(JoinHandle<()>);
@@ -24,30 +28,32 @@ impl Drop for Maintenance {
     }
 }
 
-/// Collects garbage now, and again after each `every`.
+/// Collects garbage now, and again after each `every`; sooner after a collection that failed.
 pub fn start(store: Store, every: Duration, keep: Retention) -> Maintenance {
-    Maintenance(tokio::spawn(async move {
-        let mut clock = tokio::time::interval(every);
-        clock.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-        loop {
-            clock.tick().await;
-            match collect(&store, GRACE, &keep).await {
-                Ok(collected) => {
-                    events::gc_ended(true);
-                    events::swept(collected.expired, collected.uploads, collected.given_up, collected.orphans);
-                    tracing::info!(
-                        expired = collected.expired,
-                        uploads = collected.uploads,
-                        orphans = collected.orphans,
-                        given_up = collected.given_up,
-                        "garbage collected"
-                    );
-                }
-                Err(error) => {
-                    events::gc_ended(false);
-                    tracing::error!(?error, "garbage collection failed; the next one continues");
-                }
+    Maintenance(tokio::spawn(supervised("garbage collection", move || {
+        let store = store.clone();
+        async move {
+            loop {
+                let pause = if collect_once(&store, &keep).await { every } else { every.min(AFTER_FAILURE) };
+                tokio::time::sleep(pause).await;
             }
         }
-    }))
+    })))
+}
+
+/// False when the collection failed.
+async fn collect_once(store: &Store, keep: &Retention) -> bool {
+    // a database on another machine may never answer
+    let collected = timeout(EVERY, collect(store, GRACE, keep)).await.unwrap_or_else(|elapsed| {
+        Err(StoreError::Unavailable(anyhow::Error::new(elapsed).context("the garbage collection did not end")))
+    });
+    events::gc_ended(collected.is_ok());
+    match &collected {
+        Ok(Removed { expired, uploads, given_up, orphans }) => {
+            events::swept(*expired, *uploads, *given_up, *orphans);
+            tracing::info!(expired, uploads, orphans, given_up, "garbage collected");
+        }
+        Err(error) => tracing::error!(?error, "garbage collection failed; the next one continues"),
+    }
+    collected.is_ok()
 }

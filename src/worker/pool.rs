@@ -1,6 +1,12 @@
 //! The workers of one process.
 
-use std::{sync::Arc, time::Duration};
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
+    },
+    time::Duration,
+};
 
 use tokio::{
     sync::{Mutex, Semaphore},
@@ -10,7 +16,7 @@ use tokio::{
 use tokio_util::sync::CancellationToken;
 
 use super::{Config, Deps, executor::Executor};
-use crate::{store::Job, telemetry::events};
+use crate::{store::Job, supervision::supervised, telemetry::events};
 
 /// Time that jobs may take to stop when they are asked to.
 const STOP_TIMEOUT: Duration = Duration::from_secs(10);
@@ -20,24 +26,39 @@ pub struct Pool {
     tasks: JoinSet<()>,
     stop: CancellationToken,
     executor: Arc<Executor>,
+    alive: Arc<AtomicUsize>,
 }
 
 impl Pool {
-    /// Starts the workers.
+    /// Starts the workers. One that panics is started again; its job runs again once its lease has expired.
     pub fn start(deps: Deps, config: Config) -> Self {
         let stop = CancellationToken::new();
         let workers = config.workers;
-        events::pool_started(workers, config.memory_budget);
+        events::pool_started(config.memory_budget);
         let mut executor =
             Executor { deps, config, memory: Arc::new(Semaphore::new(0)), abandon: CancellationToken::new() };
         executor.memory = Arc::new(Semaphore::new(executor.whole_budget() as usize));
         let executor = Arc::new(executor);
         let gate = Arc::new(Mutex::new(()));
+        let alive = Arc::new(AtomicUsize::new(workers));
         let mut tasks = JoinSet::new();
         for _ in 0..workers {
-            tasks.spawn(work(Arc::clone(&executor), Arc::clone(&gate), stop.clone()));
+            let (executor, gate, stop) = (Arc::clone(&executor), Arc::clone(&gate), stop.clone());
+            let (alive, was_started) = (Arc::clone(&alive), AtomicBool::new(false));
+            tasks.spawn(supervised("worker", move || {
+                if was_started.swap(true, Ordering::Relaxed) {
+                    alive.fetch_add(1, Ordering::Relaxed);
+                }
+                let alive = Alive { count: Arc::clone(&alive), _gauge: events::alive() };
+                work(Arc::clone(&executor), Arc::clone(&gate), stop.clone(), alive)
+            }));
         }
-        Self { tasks, stop, executor }
+        Self { tasks, stop, executor, alive }
+    }
+
+    /// The number of workers that are alive, now and later: between a panic and the next start a worker is not.
+    pub fn alive(&self) -> Arc<AtomicUsize> {
+        Arc::clone(&self.alive)
     }
 
     /// Claims no more jobs, waits up to `grace` for running jobs, and returns the others to the queue.
@@ -54,10 +75,18 @@ impl Pool {
 }
 
 async fn drain(tasks: &mut JoinSet<()>) {
-    while let Some(ended) = tasks.join_next().await {
-        if let Err(error) = ended {
-            tracing::error!(%error, "a worker panicked");
-        }
+    while tasks.join_next().await.is_some() {}
+}
+
+/// Counts a worker as alive until it is dropped.
+struct Alive {
+    count: Arc<AtomicUsize>,
+    _gauge: events::Held,
+}
+
+impl Drop for Alive {
+    fn drop(&mut self) {
+        self.count.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
@@ -74,7 +103,7 @@ fn count_start(job: &Job) {
 }
 
 /// One worker. The worker that holds the gate claims a job; the others run jobs or wait for the gate.
-async fn work(executor: Arc<Executor>, gate: Arc<Mutex<()>>, stop: CancellationToken) {
+async fn work(executor: Arc<Executor>, gate: Arc<Mutex<()>>, stop: CancellationToken, _alive: Alive) {
     let Executor { deps, config, .. } = &*executor;
     loop {
         let gate = tokio::select! {

@@ -103,6 +103,22 @@ async fn writes_from_pages_of_other_origins_are_refused() {
             problem(request.body(vec![0; 1000]).send().await.unwrap(), 403, "cross_origin_request").await;
         }
     }
+    // the page may be one of the service, behind a proxy that changed `Host`; a browser says that the others are not
+    for (headers, names_the_proxy) in [
+        (&[("origin", "http://lab.example:8080")][..], true),
+        (&[("origin", "http://lab.example:8080"), ("sec-fetch-site", "same-origin")], true),
+        (&[("origin", "http://lab.example:8080"), ("sec-fetch-site", "cross-site")], false),
+        (&[("origin", "null")], false),
+        (&[("sec-fetch-site", "cross-site")], false),
+    ] {
+        let request = headers.iter().fold(app.delete(PROFILE), |request, (name, value)| request.header(*name, *value));
+        let told = problem(request.send().await.unwrap(), 403, "cross_origin_request").await;
+        let detail = told["detail"].as_str().unwrap();
+        let host = app.base.trim_start_matches("http://");
+        let names = detail.contains(&format!("a proxy has changed the header Host to '{host}'"));
+        assert_eq!((names, detail.contains("proxy_set_header Host $http_host")), (names_the_proxy, names_the_proxy));
+        assert!(detail.contains("'cors_origins'"), "{detail}");
+    }
     // the own page ("try it out"), an allowed origin, and a program that sends no origin
     let own = app.base.clone();
     let good = [

@@ -9,8 +9,15 @@ const POST: &str = "/v1/profiles/rig/lens/calibrations";
 #[tokio::test]
 async fn a_calibration_takes_the_dot_pitch_of_the_one_with_the_target_moved() {
     let app = TestApp::start().await;
-    let near: Value =
-        app.post("/v1/profiles/rig/near/calibrations").body(stack_zip(2, 0)).send().await.unwrap().json().await.unwrap();
+    let near: Value = app
+        .post("/v1/profiles/rig/near/calibrations")
+        .body(stack_zip(2, 0))
+        .send()
+        .await
+        .unwrap()
+        .json()
+        .await
+        .unwrap();
     let near = id(&near);
     let send = |slices: usize, query: String| app.post(&format!("{POST}?{query}")).body(stack_zip(slices, 0)).send();
     let with_it = format!("target_advance_mm=5&moved_target={near}");
@@ -70,8 +77,7 @@ async fn rig_parameters_use_the_pupil_ratio_and_say_when_it_is_assumed() {
         "image_width": 640, "image_height": 480, "reference_index": 0, "homographies": [[1, 0, 0, 0, 1, 0, 0, 0, 1],
         [1, 0, 1, 0, 1, 0, 0, 0, 1]], "principal_distance_mm": 130, "pixel_pitch_mm": 0.01
     });
-    let stored: Value =
-        app.put("/v1/profiles/rig/old").json(&old).send().await.unwrap().json().await.unwrap();
+    let stored: Value = app.put("/v1/profiles/rig/old").json(&old).send().await.unwrap().json().await.unwrap();
     assert_eq!(stored["principal_distance_mm"], 130.0, "{stored}");
     assert_eq!((&stored["principal_distance_source"], &stored["pupil_ratio"]), (&Value::Null, &Value::Null));
 }

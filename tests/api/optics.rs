@@ -17,6 +17,12 @@ async fn a_plan_lists_the_rail_position_of_every_slice() {
     assert_eq!(plan["rail_positions_mm"].as_array().unwrap().len(), count);
     assert_eq!(plan["slices"].as_array().unwrap().len(), count);
     assert_eq!(plan["warnings"], serde_json::json!([]));
+    let share = |depth: f64| 1.0 - plan["largest_step_mm"].as_f64().unwrap() / depth;
+    // with a fixed lens the slice with the smallest depth decides
+    assert!((share(plan["depth_of_focus_mm"]["total"].as_f64().unwrap()) - 0.5).abs() < 0.08, "{plan}");
+    assert!((plan["contrast_between_slices"].as_f64().unwrap() - 0.8).abs() < 0.02, "{plan}");
+    let page = app.get(&format!("/plan?{LENS}")).send().await.unwrap().text().await.unwrap();
+    assert!(page.contains("Contrast between slices"), "{page}");
     for (query, parameter) in [
         (LENS.replace("f_number=5.6", "f_number=0"), "f_number"),
         (LENS.replace("&mode=fixed_lens", "&mode=flying"), "mode"),

@@ -42,7 +42,8 @@ async fn poses_are_reported_in_every_format() {
         assert_eq!((answer.status(), answer.headers()["content-type"].to_str().unwrap()), (StatusCode::OK, kind));
         let policy = answer.headers()["content-security-policy"].to_str().unwrap().to_owned();
         assert!(policy.starts_with("default-src 'none'"), "{policy}");
-        assert!(answer.text().await.unwrap().contains(part), "{format}");
+        let text = answer.text().await.unwrap();
+        assert!(text.contains(part) && text.contains("do not check the focal length"), "{format}: {text}");
     }
 }
 

@@ -1,3 +1,8 @@
+use std::sync::{
+    Arc,
+    atomic::{AtomicUsize, Ordering},
+};
+
 use pinstack::http::router::DOCUMENT;
 use reqwest::{Method, StatusCode};
 use serde_json::{Value, json};
@@ -42,6 +47,24 @@ async fn readiness_checks_everything_and_reports_what_is_wrong() {
     assert_eq!(answer.status(), StatusCode::SERVICE_UNAVAILABLE);
     let told: Value = answer.json().await.unwrap();
     assert_eq!((&told["checks"]["disk"]["ok"], &told["checks"]["database"]["ok"]), (&false.into(), &true.into()));
+}
+
+#[tokio::test]
+async fn a_service_whose_workers_are_gone_is_not_ready_until_one_is_back() {
+    let app = TestApp::start().await;
+    let alive = Arc::new(AtomicUsize::new(0));
+    app.app.health.watch_workers(Arc::clone(&alive));
+    let asked = async || {
+        let answer = app.get("/readyz").send().await.unwrap();
+        (answer.status(), answer.json::<Value>().await.unwrap())
+    };
+    let (status, told) = asked().await;
+    assert_eq!((status, &told["checks"]["workers"]["ok"]), (StatusCode::SERVICE_UNAVAILABLE, &false.into()), "{told}");
+    alive.store(1, Ordering::Relaxed);
+    // the result of the checks is kept for a second
+    while asked().await.0 != StatusCode::OK {
+        tokio::task::yield_now().await;
+    }
 }
 
 #[tokio::test]
@@ -115,6 +138,8 @@ async fn the_documentation_loads_nothing_from_other_servers() {
     assert!(!page.contains("<script>"), "an inline script would be held back by the policy");
     let info: Value = app.get("/v1/info").send().await.unwrap().json().await.unwrap();
     assert_eq!((&info["name"], &info["defaults"]["r1"]), (&"pinstack".into(), &45.into()));
+    let id = app.store.metadata.service_id().await.unwrap();
+    assert_eq!(info["id"], id.to_string(), "clients know the service by it at every address");
     let served = app.get("/openapi.json").send().await.unwrap().text().await.unwrap();
     assert_eq!(served, DOCUMENT.text());
     let tag = app.get("/openapi.json").send().await.unwrap().headers()["etag"].clone();

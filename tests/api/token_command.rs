@@ -192,3 +192,39 @@ async fn a_data_folder_and_its_backup_are_closed_to_other_accounts() {
         std::fs::set_permissions(data.join("pinstack.sqlite"), std::fs::Permissions::from_mode(0o644)).unwrap();
     }
 }
+
+#[test]
+fn a_token_that_cannot_be_shown_is_not_stored() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let folder = folder.path();
+    let add = ["token", "add", "rig-pc", "--scope", "read"];
+    let full = || Stdio::from(std::fs::File::options().write(true).open("/dev/full").expect("Linux has it"));
+    let closed = || Stdio::from(std::io::pipe().expect("a pipe").1);
+    for sink in [&full as &dyn Fn() -> Stdio, &closed] {
+        let output = pinstack(folder, &add).stdout(sink()).output().expect("the program runs");
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{told}");
+        assert!(told.contains("cannot write to the standard output"), "{told}");
+    }
+    assert_eq!(said(folder, &["token", "list"]), (true, String::new(), String::new()));
+    // what is told on stderr besides is not needed
+    let output = pinstack(folder, &add).stderr(full()).output().expect("the program runs");
+    assert!(output.status.success() && output.stdout.starts_with(b"pinstack_"));
+    assert!(said(folder, &["token", "list"]).1.starts_with("rig-pc\tread"));
+}
+
+#[test]
+fn a_command_that_cannot_write_its_result_says_so_and_never_panics() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let folder = folder.path();
+    let full = || Stdio::from(std::fs::File::options().write(true).open("/dev/full").expect("Linux has it"));
+    let closed = || Stdio::from(std::io::pipe().expect("a pipe").1);
+    for command in [&["gc"][..], &["verify"], &["openapi"], &["doctor"], &["token", "revoke", "no-such-token"]] {
+        let output = pinstack(folder, command).stdout(full()).output().expect("the program runs");
+        assert_eq!(output.status.code(), Some(1), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
+        for (out, errors) in [(full(), full()), (closed(), closed())] {
+            let status = pinstack(folder, command).stdout(out).stderr(errors).status().expect("the program runs");
+            assert!(matches!(status.code(), Some(0 | 1)), "{command:?}: {status}");
+        }
+    }
+}

@@ -1,6 +1,6 @@
 //! Resumable uploads: tus 1.0.0.
 
-mod client;
+pub mod client;
 mod interruptions;
 mod refusals;
 

@@ -46,11 +46,16 @@ impl Server {
 
     /// The same, requiring this token, which has all rights.
     pub fn start_with_a_token() -> (Self, String) {
+        Self::start_with_a_token_by(Command::new(env!("CARGO_BIN_EXE_pinstack")))
+    }
+
+    /// The same, started by this command.
+    pub fn start_with_a_token_by(command: Command) -> (Self, String) {
         let folder = tempfile::tempdir().expect("a folder");
         let token = run(Command::new(env!("CARGO_BIN_EXE_pinstack"))
             .args(["token", "add", "tester", "--scope", "admin", "--data-dir"])
             .arg(folder.path().join("data")));
-        let (process, url) = serve(&folder);
+        let (process, url) = serve_by(command, &folder);
         (Self { process, url, folder }, token.trim().to_owned())
     }
 
@@ -91,15 +96,9 @@ impl Server {
 
     /// Stores the true homographies of `rig` as a profile.
     pub fn put_profile(&self, rig: &Rig) {
-        let body = serde_json::json!({
-            "image_width": rig.width, "image_height": rig.height, "reference_index": rig.reference,
-            "homographies": (0..rig.slices()).map(|i| rig.homography(i)).collect::<Vec<_>>(),
-            "gains": (0..rig.slices()).map(|i| rig.gain(i)).collect::<Vec<_>>(),
-        });
-        let profile = self.curl(
-            &["-X", "PUT", "-H", "Content-Type: application/json", "-d", &body.to_string()],
-            "/v1/profiles/rig/lens",
-        );
+        let body = profile_of(rig).to_string();
+        let profile =
+            self.curl(&["-X", "PUT", "-H", "Content-Type: application/json", "-d", &body], "/v1/profiles/rig/lens");
         assert_eq!(profile["revision"], 1, "{profile}");
     }
 
@@ -145,6 +144,15 @@ impl Drop for Server {
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
+}
+
+/// The true homographies of a rig, as `PUT` takes a profile.
+pub fn profile_of(rig: &Rig) -> Value {
+    serde_json::json!({
+        "image_width": rig.width, "image_height": rig.height, "reference_index": rig.reference,
+        "homographies": (0..rig.slices()).map(|i| rig.homography(i)).collect::<Vec<_>>(),
+        "gains": (0..rig.slices()).map(|i| rig.gain(i)).collect::<Vec<_>>(),
+    })
 }
 
 /// A small rig that renders fast.

@@ -19,7 +19,7 @@ impl Drop for Process {
 }
 
 /// Makes `{name}.pem` and `{name}.key` for 127.0.0.1.
-fn certificate(folder: &Path, name: &str) {
+pub fn certificate(folder: &Path, name: &str) {
     run(Command::new("openssl").current_dir(folder).args([
         "req",
         "-x509",

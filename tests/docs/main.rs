@@ -169,6 +169,22 @@ fn every_warning_of_the_metrics_is_explained() {
 }
 
 #[test]
+fn every_code_of_a_warning_is_in_a_table_or_a_heading() {
+    let documents: Vec<String> = ["TROUBLESHOOTING", "METRICS", "SCANS"]
+        .map(|name| fs::read_to_string(project().join(format!("docs/{name}.md"))).expect("a document"))
+        .into();
+    // a row may name several codes
+    let explains = |line: &str, quoted: &str| {
+        let first = line.strip_prefix("| ").and_then(|row| row.split(" | ").next());
+        line.strip_prefix("### ") == Some(quoted) || first.is_some_and(|cell| cell.contains(quoted))
+    };
+    let explained =
+        |code: &WarningCode| documents.iter().any(|text| text.lines().any(|line| explains(line, &format!("`{code}`"))));
+    let missing: Vec<_> = WarningCode::ALL.iter().filter(|code| !explained(code)).collect();
+    assert!(missing.is_empty(), "no document explains {missing:?}");
+}
+
+#[test]
 fn only_blocks_of_sh_and_of_colmap_are_commands() {
     let text = "```sh\na\nb\n```\n```sh docker\nc\n```\n```text\nd\n```\n```sh colmap\ne\n```\n";
     assert_eq!(blocks(text), ["a\nb\n", "e\n"]);

@@ -14,7 +14,9 @@
 //! | `moving` | a data folder that moves to Postgres and back |
 //! | `traces` | traces through two processes; a collector that is away, or hangs |
 //! | `workers` | a stopped worker that continues after another process has its job |
+//! | `log` | a log that cannot be written |
 //! | `small_disk` | a file system that is really full |
+//! | `random` | faults of disk, log, database and bucket in random order, under load |
 //! | `soak` | many clients and random kills |
 //!
 //! The failpoints exist only in builds of `cargo test`.
@@ -25,9 +27,11 @@ mod copies;
 mod database;
 mod elsewhere;
 mod input;
+mod log;
 mod machines;
 mod matrix;
 mod moving;
+mod random;
 mod redirects;
 mod relay;
 mod service;

@@ -89,12 +89,26 @@ pub fn clean_up(data: &Path, fault: Option<&str>) -> Output {
     command.args(["gc", "--data-dir"]).arg(data).output().expect("pinstack starts")
 }
 
+/// The log beside a data folder.
+fn log_beside(data: &Path) -> std::fs::File {
+    std::fs::File::options().create(true).append(true).open(data.with_extension("log")).expect("a log")
+}
+
 impl Service {
     /// Starts one; it breaks where `fault` says, in the language of the crate `fail`. `None`: it was killed before it
     /// listened.
     pub async fn start(data: &Path, fault: Option<&str>, more: &[&str]) -> Option<Self> {
+        Self::start_with_log(data, log_beside(data), fault, more).await
+    }
+
+    /// The same with another place for the log.
+    pub async fn start_with_log(
+        data: &Path,
+        log: impl Into<Stdio>,
+        fault: Option<&str>,
+        more: &[&str],
+    ) -> Option<Self> {
         let port = data.with_extension(format!("port-{}", uuid::Uuid::now_v7()));
-        let log = std::fs::File::options().create(true).append(true).open(data.with_extension("log")).expect("a log");
         let mut command = pinstack();
         command.args(["serve", "--listen", "127.0.0.1:0", "--lease-s", "2", "--min-free-bytes", "0", "--data-dir"]);
         command.arg(data).arg("--port-file").arg(&port).args(more).stdout(Stdio::null()).stderr(log);
@@ -118,7 +132,11 @@ impl Service {
 
     /// Starts a process that runs jobs and has no address.
     pub fn start_worker(data: &Path, fault: Option<&str>, more: &[&str]) -> Self {
-        let log = std::fs::File::options().create(true).append(true).open(data.with_extension("log")).expect("a log");
+        Self::start_worker_with_log(data, log_beside(data), fault, more)
+    }
+
+    /// The same with another place for the log.
+    pub fn start_worker_with_log(data: &Path, log: impl Into<Stdio>, fault: Option<&str>, more: &[&str]) -> Self {
         let mut command = pinstack();
         command.args(["work", "--lease-s", "2", "--min-free-bytes", "0", "--data-dir"]).arg(data).args(more);
         if let Some(fault) = fault {

@@ -9,39 +9,64 @@ use std::{
 
 use tempfile::TempDir;
 
-use crate::{service::LOOK, story::Story};
+use reqwest::{Client, StatusCode};
 
-/// Large enough for what a small job may write, and no larger.
-const SIZE: &str = "size=48m";
+use crate::{
+    input::profile,
+    service::{LOOK, command, text},
+    story::Story,
+};
+
+/// Large enough for what a small job may write and the space that the service reserves for deletions, not much larger,
+/// MiB.
+const SIZE: u32 = 64;
 
 /// Free bytes on the full disk: the database can write, a job cannot.
 const FOR_ROWS: u64 = 4 << 20;
 
 /// A file system in memory, unmounted when dropped.
-struct SmallDisk(TempDir);
+pub struct SmallDisk(TempDir);
 
 impl SmallDisk {
-    fn mount() -> Self {
+    pub fn mount(mib: u32) -> Self {
         let folder = TempDir::new().expect("a folder");
-        let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", SIZE, "tmpfs"]).arg(folder.path()).output();
+        let mounted = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", &format!("size={mib}m"), "tmpfs"])
+            .arg(folder.path())
+            .output();
         let mounted = mounted.expect("mount can be started");
         assert!(mounted.status.success(), "no file system can be mounted here: {mounted:?}");
         Self(folder)
     }
 
-    fn data(&self) -> PathBuf {
+    pub fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    pub fn data(&self) -> PathBuf {
         self.0.path().join("data")
     }
 
     /// Fills it, except for what the database needs: the service keeps `min_free_bytes` for it.
     fn fill(&self) -> Ballast {
+        self.fill_except(FOR_ROWS)
+    }
+
+    /// Fills it, except for some bytes.
+    pub fn fill_except(&self, free: u64) -> Ballast {
         use std::io::Write;
-        let path = self.0.path().join("ballast");
+        let path = self.0.path().join(format!("ballast-{}", uuid::Uuid::now_v7()));
         let mut file = fs::File::create(&path).expect("a file");
         while file.write_all(&[1; 4096]).is_ok() {}
         let length = file.metadata().expect("its length").len();
-        file.set_len(length - FOR_ROWS).expect("cut");
+        file.set_len(length.saturating_sub(free)).expect("cut");
         Ballast(path)
+    }
+
+    /// Free bytes.
+    fn free(&self) -> u64 {
+        let disk = rustix::fs::statvfs(self.0.path()).expect("a file system");
+        disk.f_bavail * disk.f_frsize
     }
 }
 
@@ -51,10 +76,10 @@ impl Drop for SmallDisk {
     }
 }
 
-struct Ballast(PathBuf);
+pub struct Ballast(PathBuf);
 
 impl Ballast {
-    fn remove(self) {
+    pub fn remove(self) {
         fs::remove_file(self.0).expect("removed");
     }
 }
@@ -68,7 +93,7 @@ fn spooled(data: &Path) -> usize {
 #[tokio::test]
 #[ignore = "needs the right to mount a file system"]
 async fn on_a_full_disk_uploads_are_refused_jobs_wait_and_nothing_is_lost() {
-    let disk = SmallDisk::mount();
+    let disk = SmallDisk::mount(SIZE);
     fs::create_dir(disk.data()).expect("a folder");
     let mut serving = Story::on_with(&disk.data(), &["--workers", "0"]).await;
     serving.profile().await.expect("a profile");
@@ -96,4 +121,63 @@ async fn on_a_full_disk_uploads_are_refused_jobs_wait_and_nothing_is_lost() {
     let after = working.post("after").await.expect("there is room again");
     working.image(&after).await.expect("an image");
     working.end().await;
+}
+
+/// Fills the last byte, and stores profiles until one is refused: the database has space of its own at first.
+async fn fill_to_the_last_byte(disk: &SmallDisk, client: &Client, url: &str) -> Vec<Ballast> {
+    let mut all = Vec::new();
+    for i in 0.. {
+        all.push(disk.fill_except(0));
+        let put = client.put(format!("{url}/v1/profiles/rig/lens-{i}")).json(&profile()).send().await;
+        let put = put.expect("an answer");
+        if put.status() == StatusCode::INSUFFICIENT_STORAGE {
+            break;
+        }
+        assert_eq!(put.status(), StatusCode::CREATED, "{}", put.text().await.expect("a text"));
+    }
+    all
+}
+
+#[tokio::test]
+#[ignore = "needs the right to mount a file system"]
+async fn on_a_disk_without_a_free_byte_everything_can_be_deleted_and_all_is_well_afterwards() {
+    let disk = SmallDisk::mount(SIZE);
+    fs::create_dir(disk.data()).expect("a folder");
+    let mut story = Story::on_with(&disk.data(), &[]).await;
+    let (client, url) = (Client::builder().no_proxy().build().expect("a client"), story.url().to_owned());
+    story.profile().await.expect("a profile");
+    let kept = story.post("kept").await.expect("there is room");
+    let deleted = story.post("deleted").await.expect("there is room");
+    let image = story.image(&kept).await.expect("an image");
+    story.image(&deleted).await.expect("an image");
+    let upload = story.begin_upload().await.expect("there is room");
+
+    let mut ballast = fill_to_the_last_byte(&disk, &client, &url).await;
+    let ready = async || client.get(format!("{url}/readyz")).send().await.expect("an answer").status();
+    assert_eq!(ready().await, StatusCode::SERVICE_UNAVAILABLE);
+    for path in [deleted.as_str(), upload.as_str(), "/v1/profiles/rig/lens-0"] {
+        // each on a disk that is full again: what the one before freed is gone
+        ballast.push(disk.fill_except(0));
+        let answer = client.delete(format!("{url}{path}")).header("tus-resumable", "1.0.0").send().await;
+        let answer = answer.expect("an answer");
+        assert!(
+            [StatusCode::NO_CONTENT, StatusCode::NOT_FOUND].contains(&answer.status()),
+            "{path}: {}",
+            answer.text().await.expect("a text")
+        );
+    }
+    assert!(disk.free() > 0, "something is freed");
+    ballast.push(disk.fill_except(0));
+    let collected = command(&disk.data(), &["gc", "--clock-is-right"]);
+    assert!(collected.status.success(), "{}", text(&collected));
+
+    ballast.into_iter().for_each(Ballast::remove);
+    while ready().await != StatusCode::OK {
+        tokio::time::sleep(LOOK).await;
+    }
+    let after = story.post("after").await.expect("there is room again");
+    assert_eq!(story.image(&after).await.expect("an image"), image);
+    assert_eq!(story.image(&kept).await.expect("an image"), image, "what was not deleted is there");
+    assert_eq!(story.count().await.expect("a list"), 2);
+    story.end().await;
 }

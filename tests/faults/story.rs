@@ -108,6 +108,11 @@ impl Story {
         Self::on_with(data, flags.leak()).await
     }
 
+    /// Address of the service.
+    pub fn url(&self) -> &str {
+        &self.service.as_ref().expect("it runs").url
+    }
+
     pub fn data(&self) -> PathBuf {
         self.folder.path().join("data")
     }

@@ -163,9 +163,16 @@ fn a_manifest_bomb_is_refused() {
 fn valid_pictures_are_decoded_within_the_memory_budget_of_a_job() {
     const SIDE: usize = 512;
     let deep = |channels: usize| {
-        let samples = (0..SIDE * SIDE * channels).map(|i| (i * 9_973 % 65_521) as u16).collect();
-        Raster::sixteen(SIDE, SIDE, channels, samples)
+        // alpha is opaque
+        let sample = |i: usize| if i % channels == 3 { u16::MAX } else { (i * 9_973 % 65_521) as u16 };
+        Raster::sixteen(SIDE, SIDE, channels, (0..SIDE * SIDE * channels).map(sample).collect())
     };
+    let opaque = Raster::eight(
+        SIDE,
+        SIDE,
+        4,
+        (0..SIDE * SIDE * 4).map(|i| (i * 7) as u8 | u8::MAX * u8::from(i % 4 == 3)).collect(),
+    );
     let tiff = |raster: &Raster| {
         let mut out = Cursor::new(Vec::new());
         codec::encode_tiff(&mut out, raster, &Metadata::default()).expect("a TIFF");
@@ -181,7 +188,7 @@ fn valid_pictures_are_decoded_within_the_memory_budget_of_a_job() {
         ("RGBA of 16 bits in a PNG", png_of_raster(&deep(4)), 2),
         ("RGBA of 16 bits in a TIFF", tiff(&deep(4)), 2),
         ("RGB of 16 bits in a TIFF", tiff(&deep(3)), 2),
-        ("RGBA of 8 bits in a PNG", png_of_raster(&pattern(SIDE, SIDE, 4)), 1),
+        ("RGBA of 8 bits in a PNG", png_of_raster(&opaque), 1),
         ("a JPEG", codec::encode_jpeg(&pattern(SIDE, SIDE, 3), 95), 1),
         ("a progressive JPEG", progressive.to_vec(), 1),
     ] {

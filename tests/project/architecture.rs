@@ -18,6 +18,7 @@ const SCIENCE: &[&[&str]] = &[
 const SERVICE: &[&[&str]] = &[
     &["contract", "https"],
     &["telemetry"],
+    &["supervision"],
     &["store"],
     &["disk_budget"],
     &["jobs"],

@@ -3,6 +3,7 @@
 mod architecture;
 mod circles;
 mod dependencies;
+mod links;
 mod size;
 mod source;
 mod syntax;

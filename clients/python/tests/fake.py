@@ -5,12 +5,29 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import httpx
 
+from pinstack import Client
+from pinstack.push.causes import Site
+from pinstack.push.folders import FoundStack
+from pinstack.push.journal import Journal
+from pinstack.push.sender import Outcome, Sender
+from pinstack.push.settings import Settings
+
 JOB = "/v1/stacks/0190-job"
 UPLOAD = "/v1/uploads/0190-job"
+#: The service in memory, as stacks find it.
+SITE = Site("service-1", "revision 1")
+
+
+def send(
+    client: Client, journal: Journal, stack: FoundStack, settings: Settings, results: Path, site: Site = SITE
+) -> Outcome:
+    """Sends one stack."""
+    return Sender(client, journal, settings, results, lambda *step: None, site).send(stack)
 
 
 def problem(status: int, code: str, detail: str, **headers: str) -> httpx.Response:
@@ -107,6 +124,8 @@ class Uploads:
         return httpx.Response(204, headers=self.state())
 
     def show(self, request: httpx.Request) -> httpx.Response:
+        if self.length is None:
+            return problem(404, "not_found", "there is no such upload")
         told: Dict[str, Any] = {"id": "0190-job", "path": request.url.path, "links": {"self": JOB}}
         if request.url.path == UPLOAD:
             told["error"] = self.refusal.json() if self.refusal is not None else None

@@ -84,7 +84,8 @@ def test_everything_is_read_and_written_by_the_path_for_calls(tmp_path: Path, mo
         (disk / name).write_bytes(b"{}")
     (disk / "rig.toml").write_text('rig = "r"\nlens = "l"\ntoken_file = "%s"\n' % (root / "token"))
     (disk / "token").write_text("t")
-    assert load(root / "rig.toml", {}, {}).token == "t"
+    file = load(root / "rig.toml", {}, {}).token_file
+    assert file is not None and file.token() == "t"
 
     view = {
         "name": "v",

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
 import os
 import re
+import shutil
+import sqlite3
 import struct
-import threading
 from collections import Counter
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any, Dict, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
 import httpx
 import pytest
-from fake import JOB, UPLOAD, Uploads
+from fake import JOB, SITE, UPLOAD, Uploads, problem, send
 
-from pinstack import Client, PinstackError, Retry
+from pinstack import Client, PinstackError, Retry, StoredZip
 from pinstack.push import folders, names, settings, sheet
 from pinstack.push.bursts import by_bursts, time_taken
+from pinstack.push.causes import Again, Site
 from pinstack.push.cli import main
 from pinstack.push.folders import FoundStack
 from pinstack.push.journal import Journal, key_of
 from pinstack.push.progress import Progress, duration
-from pinstack.push.sender import Outcome, key, send
-from pinstack.push.watch import Complete, wait_until_quiet
+from pinstack.push.sender import Outcome, key
+from pinstack.push.watch import Complete
 
 
 def make(root: Path, *names: str) -> Path:
@@ -46,17 +50,34 @@ def by_folder(names: Sequence[str], manifest: Optional[Mapping[str, Any]]) -> Ma
     return {"views": shown, "ignored": [], "warnings": []}
 
 
+def succeeds(uploads: Uploads) -> Callable[[httpx.Request], httpx.Response]:
+    """A service at which every stack succeeds, without results."""
+
+    def service(request: httpx.Request) -> httpx.Response:
+        if request.url.path.endswith("/events"):
+            return httpx.Response(204, stream=httpx.ByteStream(b""))
+        if request.url.path.startswith("/v1/stacks/"):
+            return httpx.Response(200, json={"state": "succeeded", "links": {"self": request.url.path}})
+        return uploads(request)
+
+    return service
+
+
 def find(root: Path) -> List[FoundStack]:
     return folders.find(root, by_folder).stacks
+
+
+def token(loaded: settings.Settings) -> Optional[str]:
+    return loaded.token if loaded.token_file is None else loaded.token_file.token()
 
 
 def test_a_token_of_the_environment_wins_over_that_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("of the rig")
     file = tmp_path / "rig.toml"
     file.write_text(f'rig = "r"\nlens = "l"\ntoken_file = "{tmp_path}/token"\n')
-    assert settings.load(file, {}, {}).token == "of the rig"
-    assert settings.load(file, {}, {"PINSTACK_TOKEN": "t"}).token == "t"
-    assert settings.load(file, {"token_file": tmp_path / "token"}, {"PINSTACK_TOKEN": "t"}).token == "of the rig"
+    assert token(settings.load(file, {}, {})) == "of the rig"
+    assert token(settings.load(file, {}, {"PINSTACK_TOKEN": "t"})) == "t"
+    assert token(settings.load(file, {"token_file": tmp_path / "token"}, {"PINSTACK_TOKEN": "t"})) == "of the rig"
 
 
 def test_of_two_stacks_with_one_name_the_later_is_refused(tmp_path: Path) -> None:
@@ -107,12 +128,65 @@ def test_a_journal_survives_and_is_used_by_one_process_at_a_time(tmp_path: Path)
         Journal(at)
 
 
-def test_another_service_rig_or_option_is_another_key() -> None:
-    first = key_of("http://a", "rig", "lens", {"r1": 3}, "f")
-    assert key_of("http://a/", "rig", "lens", {"r1": 3}, "f") == first
-    others = [("http://b", "rig", "lens", {"r1": 3}), ("http://a", "rig2", "lens", {"r1": 3}),
-              ("http://a", "rig", "lens", {"r1": 4})]  # fmt: skip
-    assert all(key_of(*other, "f") != first for other in others)
+def test_another_service_rig_or_option_is_another_key(tmp_path: Path) -> None:
+    files = StoredZip.of_folder(make(tmp_path, "1.jpg"))
+
+    def value(service: str, rig: str, options: Dict[str, Any], server: str = "http://a") -> str:
+        return key_of(service, server, rig, "lens", options, files, has_own_label=True).value
+
+    first = value("s", "rig", {"r1": 3})
+    assert value("s", "rig", {"r1": 3}, server="https://b") == first, "the address does not count"
+    others = [("t", "rig", {"r1": 3}), ("s", "rig2", {"r1": 3}), ("s", "rig", {"r1": 4}),
+              ("s", "rig", {"r1": 3, "label": "bee"})]  # fmt: skip
+    assert all(value(*other) != first for other in others)
+
+
+def test_a_stack_is_known_again_by_its_content(tmp_path: Path) -> None:
+    root = make(tmp_path / "shots", "v/1.jpg", "v/2.jpg")
+    (stack,) = find(root)
+    chosen, journal = settings.Settings(save=[]), Journal(tmp_path / "journal")
+    uploads = Uploads()
+    service = Client("http://rig", transport=httpx.MockTransport(succeeds(uploads)))
+    assert send(service, journal, stack, chosen, tmp_path).state == "done"
+    # FAT and summer time; a copy by a program that keeps no times; another name of the folder
+    for path in stack.files():
+        os.utime(path, (1e9, 1e9))
+    (root / "v").rename(root / "w")
+    (moved,) = find(root)
+    assert send(service, journal, moved, chosen, tmp_path).state == "known"
+    assert uploads.requests.count("POST") == 1
+    # a copy is a stack of its own
+    shutil.copytree(root / "w", root / "x")
+    copy = next(stack for stack in find(root) if stack.name == "x")
+    assert send(service, journal, copy, chosen, tmp_path).state == "done"
+    assert uploads.requests.count("POST") == 2
+    # the same names and sizes, but another picture
+    (root / "w/2.jpg").write_bytes(b"V/2.jpg")
+    assert send(service, journal, moved, chosen, tmp_path).state == "done"
+    assert uploads.requests.count("POST") == 3
+    journal.close()
+
+
+def test_a_journal_of_an_earlier_version_is_understood(tmp_path: Path) -> None:
+    (stack,) = find(make(tmp_path, "v/1.jpg", "v/2.jpg"))
+    for at, path in enumerate(stack.files()):
+        os.utime(path, ns=(0, at * 10**9))
+    at = tmp_path / "journal"
+    rows = sqlite3.connect(at)
+    rows.execute("CREATE TABLE stacks (key TEXT PRIMARY KEY, name TEXT, upload TEXT, job TEXT, ended TEXT)")
+    # as version 0.1 of before the first release made it for this stack
+    sent = ["http://rig", "r", "l", {"label": "v"}, "2-264-af71750a"]
+    old = hashlib.sha256(json.dumps(sent, sort_keys=True).encode()).hexdigest()
+    rows.execute("INSERT INTO stacks VALUES (?, 'v', NULL, ?, 'done')", (old, JOB))
+    rows.commit()
+    rows.close()
+    journal = Journal(at)
+    chosen = settings.Settings(server="http://rig", rig="r", lens="l", save=[])
+    assert key(stack, chosen, SITE).earlier == old
+    uploads = Uploads()
+    service = Client("http://rig", transport=httpx.MockTransport(uploads))
+    assert send(service, journal, stack, chosen, tmp_path).state == "known" and uploads.requests == []
+    journal.close()
 
 
 def test_the_command_line_wins_over_the_environment_and_that_over_the_file(tmp_path: Path) -> None:
@@ -123,7 +197,7 @@ def test_the_command_line_wins_over_the_environment_and_that_over_the_file(tmp_p
     loaded = settings.load(file, given, {"PINSTACK_URL": "http://environment", "PINSTACK_TOKEN": "x"})
     assert (loaded.server, loaded.rig, loaded.lens, loaded.jobs) == ("http://environment", "other", "l", 3)
     assert loaded.options == {"method": "guided", "r1": 9}
-    assert loaded.token == "geheim" and "geheim" not in repr(loaded)
+    assert token(loaded) == "geheim" and "geheim" not in repr(loaded)
 
 
 @pytest.mark.parametrize(
@@ -207,28 +281,80 @@ def test_a_stack_of_which_a_slice_is_held_while_it_is_sent_is_incomplete(
 
     journal = Journal(tmp_path / "journal")
     monkeypatch.setattr(Path, "open", held)
-    outcome = send(service, journal, stack, settings.Settings(), tmp_path, lambda *step: None)
+    outcome = send(service, journal, stack, settings.Settings(), tmp_path)
     # watch tries an incomplete stack again; one that failed only after a change
     assert outcome.state == "incomplete" and "2.jpg cannot be read: another program holds it" in outcome.sentences[0]
-    entry = journal.entry(key(stack, settings.Settings()))
+    assert outcome.again is Again.LATER
+    entry = journal.entry(key(stack, settings.Settings(), SITE).value)
     assert (entry.upload, entry.ended) == (UPLOAD, None), "the upload is continued"
     journal.close()
 
 
-@pytest.mark.parametrize("code, is_sent_again", [("insufficient_storage", True), ("invalid_image", False)])
-def test_only_a_stack_that_failed_because_of_the_machine_is_sent_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, is_sent_again: bool
+@pytest.mark.parametrize(
+    ("code", "again"),
+    [
+        ("insufficient_storage", Again.LATER),
+        ("internal", Again.LATER),
+        ("worker_lost", Again.LATER),
+        (None, Again.LATER),
+        ("of_a_newer_service", Again.LATER),
+        ("invalid_profile", Again.PROFILE),
+        ("size_mismatch", Again.PROFILE),
+        ("invalid_image", Again.CHANGE),
+        ("mask_failed", Again.CHANGE),
+    ],
+)
+def test_only_a_failure_that_follows_from_the_files_is_final(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: Optional[str], again: Again
 ) -> None:
     (stack,) = find(make(tmp_path, "v/1.jpg", "v/2.jpg"))
-    failed = {"state": "failed", "error": {"code": code, "detail": "it failed"}}
+    error = {"code": code, "detail": "it failed"} if code is not None else None
+    ended = {"state": "failed" if error else "cancelled", "error": error, "links": {"self": JOB}}
+    monkeypatch.setattr(Client, "wait", lambda *_, **__: ended)
+    journal, chosen, uploads = Journal(tmp_path / "journal"), settings.Settings(), Uploads()
+    service = Client("http://rig", transport=httpx.MockTransport(uploads))
+
+    def outcome(site: Site = SITE) -> Outcome:
+        return send(service, journal, stack, chosen, tmp_path, site)
+
+    assert outcome().again is again
+    assert outcome().again is again
+    assert uploads.requests.count("POST") == (2 if again is Again.LATER else 1)
+    assert outcome(Site(SITE.id, "revision 2")).again is again
+    assert uploads.requests.count("POST") == {Again.LATER: 3, Again.PROFILE: 2, Again.CHANGE: 1}[again]
+    # a person may send it again all the same
+    journal.forget_name("v")
+    outcome()
+    assert uploads.requests.count("POST") == {Again.LATER: 4, Again.PROFILE: 3, Again.CHANGE: 2}[again]
+    assert not journal.forget_name("w")
+    journal.close()
+
+
+def test_a_profile_that_changed_while_the_stack_was_queued_is_reason_enough(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (stack,) = find(make(tmp_path, "v/1.jpg", "v/2.jpg"))
+    failed = {"state": "failed", "error": {"code": "invalid_profile", "detail": "it failed"}}
     monkeypatch.setattr(Client, "wait", lambda *_, **__: failed)
     journal = Journal(tmp_path / "journal")
-    at = key(stack, settings.Settings())
-    journal.note(at, "v", job=JOB)
+    journal.note(key(stack, settings.Settings(), SITE).value, "v", job=JOB, seen="revision 1")
     service = Client("http://rig", transport=httpx.MockTransport(Uploads()))
-    outcome = send(service, journal, stack, settings.Settings(), tmp_path, lambda *step: None)
-    assert (outcome.state, outcome.sentences[0]) == ("failed", "it failed")
-    assert journal.entry(at).job == (None if is_sent_again else JOB)
+    outcome = send(service, journal, stack, settings.Settings(), tmp_path, Site(SITE.id, "revision 2"))
+    assert outcome.again is Again.LATER
+    journal.close()
+
+
+@pytest.mark.parametrize("code", ["not_found", "unexpected_response"])
+def test_only_the_service_can_say_that_a_stack_is_gone(tmp_path: Path, code: str) -> None:
+    (stack,) = find(make(tmp_path, "v/1.jpg", "v/2.jpg"))
+    answer = problem(404, code, "gone") if code == "not_found" else httpx.Response(404, text="a proxy")
+    service = Client("http://rig", transport=httpx.MockTransport(lambda _: answer))
+    journal = Journal(tmp_path / "journal")
+    at = key(stack, settings.Settings(), SITE).value
+    journal.note(at, "v", job=JOB)
+    outcome = send(service, journal, stack, settings.Settings(), tmp_path)
+    assert (outcome.again, outcome.was_ended) == (Again.LATER, code == "not_found")
+    assert journal.entry(at).job == (None if code == "not_found" else JOB)
     journal.close()
 
 
@@ -279,20 +405,6 @@ def test_a_service_that_is_not_there_is_exit_code_3(
     monkeypatch.setattr(cli, "_client", lambda settings: Client(settings.server, retry=Retry(attempts=1)))
     arguments = ["push", str(tmp_path), "--rig", "r", "--lens", "l", "--server", "http://127.0.0.1:9"]
     assert main([*arguments, *more]) == 3
-
-
-def test_files_that_are_still_being_written_are_waited_for(tmp_path: Path) -> None:
-    (stack,) = find(make(tmp_path, "v/1.jpg", "v/2.jpg"))
-    stop = threading.Event()
-    stop.set()
-    assert not wait_until_quiet(stack, 1000.0, stop), "the files are young"
-    for path in stack.files():
-        os.utime(path, (1e9, 1e9))
-    assert wait_until_quiet(stack, 1000.0, threading.Event()), "files of yesterday are complete"
-    make(tmp_path, "v/1.jpg")
-    assert wait_until_quiet(stack, 0.05, threading.Event()), "nothing changes any more"
-    stack.files()[0].unlink()
-    assert not wait_until_quiet(stack, 0.01, threading.Event())
 
 
 def exif(taken: bytes, fraction: bytes = b"", order: str = "<") -> bytes:
@@ -391,6 +503,26 @@ def test_without_a_terminal_every_event_is_a_line() -> None:
         progress.step("bee", "sending", share)
     progress.end(Outcome("bee", "refused", ["the profile has 9 slices"]))
     assert out.getvalue() == "bee: sending\nbee: refused: the profile has 9 slices\n"
+
+
+def test_what_is_tried_again_is_said_once_and_until_when() -> None:
+    out = io.StringIO()
+    progress = Progress(1, out)
+    full = PinstackError("queue_full", "the queue is full: 1000 jobs are waiting")
+    for _ in range(2):
+        for _ in range(3):
+            progress.step("bee", "sending", 0.0)
+            progress.waits("bee", full, 30.0)
+        progress.end(Outcome("bee", "unreachable", ["the queue is full"]), "it is sent again at 12:00:00")
+    first, second, third = out.getvalue().splitlines()
+    assert first == "bee: sending"
+    assert re.fullmatch(r"bee: the queue is full: 1000 jobs are waiting; it is tried again at \d\d:\d\d:\d\d", second)
+    assert third == "bee: unreachable: the queue is full; it is sent again at 12:00:00"
+    # after a change of the files, all of it is news
+    progress.renew("bee")
+    progress.step("bee", "waiting", 0.0)
+    progress.end(Outcome("bee", "done"))
+    assert out.getvalue().splitlines()[3:] == ["bee: waiting", "bee: done"]
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(45, "45 s"), (180, "3 min"), (7500, "2 h 05 min")])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import os
 import sys
 from pathlib import Path
-from typing import Any, Callable, List, Optional
+from typing import Any, Callable, Dict, List, Optional, Set
 
 import httpx
 import pytest
@@ -23,33 +24,61 @@ RIG = ["--rig", "r", "--lens", "l", "--server", "http://rig", "--quiet-s", "0"]
 
 
 class Service:
-    """Groups names; every stack succeeds at once, with an image, a mask and a preview."""
+    """Groups names; every stack succeeds at once, with an image, a mask and a preview, unless told otherwise."""
 
     def __init__(self, fault: Optional[httpx.Response] = None) -> None:
+        #: The answer to everything, and to the bytes of an upload.
         self.fault = fault
-        self.made = 0
+        self.fault_of_upload: Optional[httpx.Response] = None
+        self.made = self.grouped = 0
+        #: What the service has: its identity, and the revision of the profile; 0: none.
+        self.id, self.revision = "service-1", 1
+        self.group: Callable[[Any], Any] = lambda names: by_folder(names, None)
+        #: How stacks end, if not well.
+        self.ended: Dict[str, Any] = {}
+        #: The labels of stacks, and those that were deleted.
+        self.labels: Dict[str, str] = {}
+        self.deleted: Set[str] = set()
 
     def __call__(self, request: httpx.Request) -> httpx.Response:
         path = request.url.path
         if self.fault is not None:
             return self.fault
+        if path == "/v1/info":
+            return httpx.Response(200, json={"id": self.id, "limits": {}})
+        if path == "/v1/profiles":
+            items = [{"revision": self.revision}] if self.revision else []
+            return httpx.Response(200, json={"items": items, "next_cursor": None})
+        if path.startswith("/v1/profiles/"):
+            return problem(404, "profile_not_found", "there is no profile for rig 'r' and lens 'l'")
         if path == "/v1/groupings":
-            return httpx.Response(200, json=by_folder(json.loads(request.read())["names"], None))
-        if path == "/v1/uploads":
-            self.made += 1
-            return httpx.Response(201, headers={"location": f"/v1/uploads/{self.made}"})
-        if request.method == "PATCH":
-            headers = {"upload-offset": "9", "pinstack-job": path.replace("uploads", "stacks")}
-            return httpx.Response(204, headers=headers)
+            self.grouped += 1
+            return httpx.Response(200, json=self.group(json.loads(request.read())["names"]))
+        if path.startswith("/v1/uploads"):
+            return self.upload(request)
         if path.endswith("/events"):
             return httpx.Response(204, stream=httpx.ByteStream(b""))
+        if path in self.deleted:
+            return problem(404, "not_found", "there is no such stack")
         name = path.rsplit("/", 1)[1]
         if name in ("image", "mask", "preview"):
             stream = httpx.ByteStream(f"{name} {path}".encode())
             return httpx.Response(200, headers={"etag": '"a"'}, stream=stream)
         artifacts = [{"name": name, "media_type": "image/jpeg"} for name in ("image", "mask", "preview")]
-        document = {"state": "succeeded", "links": {"self": path}, "artifacts": artifacts}
+        document = {"state": "succeeded", "links": {"self": path}, "artifacts": artifacts, **self.ended}
         return httpx.Response(200, json=document)
+
+    def upload(self, request: httpx.Request) -> httpx.Response:
+        path = request.url.path
+        if self.fault_of_upload is not None:
+            return self.fault_of_upload
+        job = path.replace("uploads", "stacks")
+        if request.method == "PATCH":
+            return httpx.Response(204, headers={"upload-offset": "9", "pinstack-job": job})
+        self.made += 1
+        pairs = dict(pair.split(" ") for pair in request.headers["upload-metadata"].split(","))
+        self.labels[f"{job}/{self.made}"] = json.loads(base64.b64decode(pairs["options"]))["label"]
+        return httpx.Response(201, headers={"location": f"{path}/{self.made}"})
 
 
 def client(handler: Callable[[httpx.Request], httpx.Response]) -> Client:
@@ -113,7 +142,7 @@ def test_a_saved_preview_does_not_replace_the_image(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("more", [[], ["--dry-run"]])
-@pytest.mark.parametrize(("status", "code"), [(429, 3), (502, 3), (503, 3), (504, 3), (403, 2)])
+@pytest.mark.parametrize(("status", "code"), [(429, 3), (502, 3), (503, 3), (504, 3), (403, 3), (500, 3), (507, 3)])
 def test_a_service_that_is_busy_is_no_wrong_usage(
     tmp_path: Path, service: Service, more: List[str], status: int, code: int
 ) -> None:

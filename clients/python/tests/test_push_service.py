@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import random
 import shutil
 import signal
@@ -16,17 +17,18 @@ from pathlib import Path
 from typing import Callable, Iterator, List, Optional
 
 import pytest
-from conftest import Service, elsewhere
+from conftest import Service, binary, elsewhere
 
 from pinstack import Client, Retry
-from pinstack.push.cli import main
+from pinstack.push.causes import Site, site_of
+from pinstack.push.cli import _look, main
 from pinstack.push.folders import FoundStack, find
 from pinstack.push.journal import Journal
 from pinstack.push.progress import Progress
 from pinstack.push.run import send_all
 from pinstack.push.sender import Outcome, key
 from pinstack.push.settings import Settings
-from pinstack.push.watch import watch
+from pinstack.push.watch import Rounds, watch
 
 LONGEST_S = 120
 
@@ -64,6 +66,11 @@ def settings(service: Service) -> Settings:
 def found(service: Service, root: Path) -> List[FoundStack]:
     with Client(service.url) as client:
         return find(root, client.group_names).stacks
+
+
+def site(service: Service, chosen: Settings) -> Site:
+    with Client(service.url) as client:
+        return site_of(client, chosen)
 
 
 def until(condition: Callable[[], bool]) -> None:
@@ -132,7 +139,7 @@ def test_a_wrong_rig_is_told_before_anything_is_sent(
 ) -> None:
     command = arguments(own, shots)
     command[command.index("bench-1")] = "bench-2"
-    assert main(command) == 2
+    assert main(command) == 3, "somebody may calibrate it"
     assert "bench-1" in capsys.readouterr().err, "the service names the rig that is there"
 
 
@@ -143,7 +150,8 @@ from pathlib import Path
 from pinstack import Client
 from pinstack.push.folders import FoundStack, find
 from pinstack.push.journal import Journal
-from pinstack.push.sender import send
+from pinstack.push.causes import site_of
+from pinstack.push.sender import Sender
 from pinstack.push.settings import Settings
 
 root, url = Path(sys.argv[1]), sys.argv[2]
@@ -154,9 +162,10 @@ def step(name, what, share):
         os._exit(9)
 
 journal = Journal(root / ".pinstack-journal")
-ask = Client(url).group_names
-for stack in find(root, ask).stacks:
-    send(Client(url, piece_bytes=10_000), journal, stack, settings, root / "results", step)
+client = Client(url, piece_bytes=10_000)
+sender = Sender(client, journal, settings, root / "results", step, site_of(client, settings))
+for stack in find(root, client.group_names).stacks:
+    sender.send(stack)
 """
 
 
@@ -166,7 +175,8 @@ def test_after_a_crash_an_upload_goes_on_and_makes_one_stack(own: Service, shots
     chosen = settings(own)
     stacks = found(own, shots)
     journal = Journal(shots / ".pinstack-journal")
-    before = journal.entry(key(stacks[0], chosen))
+    where = site(own, chosen)
+    before = journal.entry(key(stacks[0], chosen, where).value)
     assert before.upload is not None and before.job is None
     shares: List[float] = []
 
@@ -178,10 +188,10 @@ def test_after_a_crash_an_upload_goes_on_and_makes_one_stack(own: Service, shots
     def make() -> Client:
         return Client(own.url, piece_bytes=10_000)
 
-    outcomes = send_all(make, journal, stacks, chosen, shots / "results", Watched(2, io.StringIO()))
+    outcomes = send_all(make, journal, stacks, chosen, shots / "results", Watched(2, io.StringIO()), where)
     assert [outcome.state for outcome in outcomes] == ["done", "done"]
     assert min(shares) > 0.4, "the upload went on where it was"
-    assert journal.entry(key(stacks[0], chosen)).upload == before.upload
+    assert journal.entry(key(stacks[0], chosen, where).value).upload == before.upload
     journal.close()
     with Client(own.url) as client:
         assert len(client.list_stacks()) == 2
@@ -202,8 +212,10 @@ def test_watching_sends_what_becomes_complete_also_after_the_service_was_away(
     def make() -> Client:
         return Client(own.url, retry=Retry(attempts=2, first_s=0.01))
 
-    everything = (make, journal, root, settings(own), root / "results", Progress(0, log), stop, keep)
-    thread = threading.Thread(target=watch, args=everything)
+    chosen = settings(own)
+    look = _look([root], chosen)
+    rounds = Rounds(make, journal, look, chosen, root / "results", Progress(0, log), stop, repeats=True)
+    thread = threading.Thread(target=watch, args=(rounds, chosen, stop, keep))
     thread.start()
     try:
         shutil.copytree(zips / "stack", root / "one")
@@ -360,7 +372,8 @@ def test_a_journal_that_cannot_be_written_is_told_and_the_next_run_sends_nothing
 
     journal = Full(shots / ".pinstack-journal")
     stacks, chosen = found(own, shots), settings(own)
-    everything = (lambda: Client(own.url), journal, stacks, chosen, shots / "results", Progress(2, io.StringIO()))
+    shown = Progress(2, io.StringIO())
+    everything = (lambda: Client(own.url), journal, stacks, chosen, shots / "results", shown, site(own, chosen))
     first = send_all(*everything)
     assert [outcome.state for outcome in first] == ["incomplete", "incomplete"]
     assert "disk is full" in first[0].sentences[0]
@@ -369,3 +382,72 @@ def test_a_journal_that_cannot_be_written_is_told_and_the_next_run_sends_nothing
     journal.close()
     with Client(own.url) as client:
         assert len(client.list_stacks()) == 2
+
+
+def test_a_stack_is_known_at_every_address_and_by_other_times(own: Service, shots: Path) -> None:
+    assert main(arguments(own, shots)) == 0
+    with Client(own.url) as client:
+        identity = client.info()["id"]
+        for path in shots.rglob("front/*"):
+            later = path.stat().st_mtime + 3600
+            os.utime(path, (later, later))
+        command = arguments(own, shots)
+        command[command.index(own.url)] = own.url.replace("127.0.0.1", "localhost")
+        assert main(command) == 0
+        assert len(client.list_stacks()) == 2
+        own.kill()
+        own.start()
+        assert client.info()["id"] == identity
+        assert main(arguments(own, shots)) == 0
+        assert len(client.list_stacks()) == 2
+
+
+def test_a_stack_that_failed_for_its_profile_is_sent_again_with_a_new_one(
+    own: Service, shots: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Client(own.url) as client:
+        good = client.get_profile("bench-1", "macro65")
+        bad = {name: good[name] for name in ("image_width", "image_height", "reference_index")}  # type: ignore[literal-required]
+        count, width = good["slice_count"], good["image_width"]
+        # no pixel is in all slices
+        shifts = [width * 0.6 * (at - (count - 1) / 2) for at in range(count)]
+        bad["homographies"] = [[1, 0, shift, 0, 1, 0, 0, 0, 1] for shift in shifts]
+        client.put_profile("bench-1", "macro65", bad)
+        command = arguments(own, shots, "-o", "crop=valid")
+        assert main(command) == 1
+        sent = len(client.list_stacks())
+        assert "has a new revision" in capsys.readouterr().err
+        assert main(command) == 1 and len(client.list_stacks()) == sent
+        client.put_profile("bench-1", "macro65", {name: good[name] for name in bad})  # type: ignore[literal-required]
+        assert main(command) == 0
+
+
+def test_watch_uses_a_new_token_of_its_file(own: Service, zips: Path, tmp_path: Path) -> None:
+    def token(name: str) -> str:
+        command = [binary(), "token", "add", name, "--scope", "admin", "--data-dir", str(own.folder / "data")]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    own.kill()
+    own.arguments += ["--auth", "tokens"]
+    file = tmp_path / "token"
+    file.write_text(token("one"))
+    own.start()
+    root = tmp_path / "watched"
+    shutil.copytree(zips / "stack", root / "one")
+    given = [sys.executable, "-m", "pinstack", "watch", *arguments(own, root)[1:], "--every-s", "0.05"]
+    running = subprocess.Popen([*given, "--token-file", str(file)], stderr=subprocess.PIPE, text=True)
+    assert running.stderr is not None
+    try:
+        until(lambda: (root / "results/one.png").exists())
+        new = token("two")
+        revoke = [binary(), "token", "revoke", "one", "--data-dir", str(own.folder / "data")]
+        subprocess.run(revoke, check=True, capture_output=True)
+        shutil.copytree(zips / "stack", root / "two")
+        while "nothing is sent now" not in running.stderr.readline():
+            assert running.poll() is None
+        file.write_text(new)
+        until(lambda: (root / "results/two.png").exists())
+    finally:
+        running.kill()
+        running.wait()
+        running.stderr.close()

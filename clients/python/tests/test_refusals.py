@@ -7,14 +7,13 @@ from typing import Any, Dict, List, Optional, Tuple
 
 import httpx
 import pytest
-from fake import UPLOAD, Uploads, answers, problem
+from fake import UPLOAD, Uploads, answers, problem, send
 from test_network import DATA, client
-from test_push import find, make
+from test_push import find, make, succeeds
 
 from pinstack import AsyncClient, BytesSource, Client, PinstackError, Retry
 from pinstack._http import Response
 from pinstack.push.journal import Journal
-from pinstack.push.sender import key, send
 from pinstack.push.settings import Settings
 
 PROFILE: Dict[str, Any] = {"homographies": [[1, 0, 0, 0, 1, 0, 0, 0, 1]]}
@@ -48,31 +47,30 @@ def test_another_error_of_an_upload_begins_none() -> None:
 
 def test_push_sends_a_refused_stack_again(tmp_path: Path) -> None:
     (stack,) = find(make(tmp_path / "shots", "v/1.jpg", "v/2.jpg"))
-    uploads = Uploads(["refused"])
-
-    def service(request: httpx.Request) -> httpx.Response:
-        if request.url.path.endswith("/events"):
-            return httpx.Response(204, stream=httpx.ByteStream(b""))
-        if request.url.path.startswith("/v1/stacks/"):
-            return httpx.Response(200, json={"state": "succeeded", "links": {"self": request.url.path}})
-        return uploads(request)
-
+    service = client(succeeds(Uploads(["refused"])))
     journal, settings = Journal(tmp_path / "journal"), Settings()
-    states = []
-    for _ in range(2):
-        outcome = send(client(service), journal, stack, settings, tmp_path, lambda *step: None)
-        states.append(outcome.state)
+    states = [send(service, journal, stack, settings, tmp_path).state for _ in range(2)]
     assert states == ["refused", "done"]
     journal.close()
 
 
-def test_a_stack_that_failed_earlier_is_told_with_what_to_do(tmp_path: Path) -> None:
-    (stack,) = find(make(tmp_path / "shots", "v/1.jpg", "v/2.jpg"))
-    journal, settings = Journal(tmp_path / "journal"), Settings()
-    journal.note(key(stack, settings), "v", ended="the back light is dark")
-    outcome = send(client(Uploads()), journal, stack, settings, tmp_path, lambda *step: None)
-    assert outcome.sentences[0] == "the back light is dark" and "change a file or an option" in outcome.sentences[1]
-    journal.close()
+def test_what_a_proxy_says_of_an_upload_begins_no_new_one() -> None:
+    handler, seen = answers(httpx.Response(404), httpx.Response(404, text="<html>no such page</html>"))
+    with pytest.raises(PinstackError) as caught:
+        client(handler).send_stack(DATA, "rig", "lens", resume=UPLOAD)
+    assert caught.value.code == "unexpected_response" and [request.method for request in seen] == ["HEAD", "GET"]
+    handler, seen = answers(httpx.Response(404), problem(404, "not_found", "it expired"), problem(507, "x", "full"))
+    with pytest.raises(PinstackError, match="full"):
+        client(handler).send_stack(DATA, "rig", "lens", resume=UPLOAD)
+    assert [request.method for request in seen] == ["HEAD", "GET", "POST"]
+
+
+def test_each_wait_is_told_with_its_reason() -> None:
+    told: List[Tuple[str, float]] = []
+    service = client(Uploads(["lost", "locked", "queue full"]))
+    service._transport.on_wait = lambda reason, seconds: told.append((reason.code, seconds))
+    service.send_stack(DATA, "rig", "lens")
+    assert [code for code, _ in told] == ["unreachable", "locked", "queue_full", "unexpected_response"]
 
 
 @pytest.mark.parametrize(

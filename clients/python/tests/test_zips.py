@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import random
+import re
 import shutil
 import struct
 import subprocess
@@ -12,12 +13,13 @@ import zipfile
 import zlib
 from dataclasses import replace
 from pathlib import Path, PureWindowsPath
-from typing import Dict
+from typing import Dict, Tuple
 
 import pytest
+from conftest import PROJECT
 
 from pinstack import BytesSource, Member, PinstackError, StoredZip, _zips
-from pinstack._zips import member_name, source
+from pinstack._zips import SKIPPED_FOLDERS, member_name, source
 
 FILES: Dict[str, bytes] = {
     "front/1.jpg": b"one" * 1000,
@@ -126,13 +128,56 @@ def test_a_file_that_changes_is_not_sent(folder: Path) -> None:
         write(folder)
 
 
-def test_the_fingerprint_shows_changes(folder: Path) -> None:
-    before = StoredZip.of_folder(folder).fingerprint()
-    assert StoredZip.of_folder(folder).fingerprint() == before
+def test_content_names_and_times_are_told_apart(folder: Path) -> None:
+    def texts() -> Tuple[str, str, str]:
+        zipped = StoredZip.of_folder(folder)
+        return zipped.shape(), zipped.times(), zipped.content()
+
+    first = texts()
+    assert texts() == first
     os.utime(folder / "front/1.jpg", ns=(1, 1))
-    touched = StoredZip.of_folder(folder).fingerprint()
+    touched = texts()
+    assert (touched[0], touched[2]) == (first[0], first[2]) and touched[1] != first[1]
+    data = (folder / "front/1.jpg").read_bytes()
+    (folder / "front/1.jpg").write_bytes(bytes(reversed(data)))
+    os.utime(folder / "front/1.jpg", ns=(1, 1))
+    changed = texts()
+    assert changed[:2] == touched[:2] and changed[2] != first[2], "neither its size nor its time tells"
     (folder / "front/1.jpg").rename(folder / "front/3.jpg")
-    assert len({before, touched, StoredZip.of_folder(folder).fingerprint()}) == 3
+    assert texts()[0] != first[0]
+
+
+def test_the_content_of_a_zip_that_was_read_costs_no_second_reading(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    zipped = StoredZip.of_folder(folder)
+    whole(zipped)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("it was read again")
+
+    expected = StoredZip.of_folder(folder).content()
+    monkeypatch.setattr(Path, "open", refuse)
+    assert zipped.content() == expected
+
+
+def test_the_service_the_page_and_the_client_skip_the_same_folders() -> None:
+    rust = (PROJECT / "science/src/archive/member_names.rs").read_text("utf-8")
+    script = (PROJECT / "src/http/pages/assets/files.js").read_text("utf-8")
+    lists = []
+    for text, quote in ((rust, '"'), (script, "'")):
+        listed = re.search(r"SKIPPED_FOLDERS(?:: \[&str; \d+\])? = \[(.*?)\];", text, re.DOTALL)
+        assert listed is not None, "the list has another form"
+        lists.append(set(re.findall(f"{quote}([^{quote}]+){quote}", listed[1])))
+    assert lists == [SKIPPED_FOLDERS, SKIPPED_FOLDERS]
+
+
+def test_nothing_below_a_folder_of_a_file_server_is_sent(folder: Path) -> None:
+    for name in [*SKIPPED_FOLDERS, "@eaDir", "#recycle/front", ".@__thumb", ".AppleDouble", ".Trashes", ".thumbnails"]:
+        at = folder / "front" / name / "1.jpg"
+        at.parent.mkdir(parents=True, exist_ok=True)
+        at.write_bytes(b"x")
+    assert sorted(member.name for member in StoredZip.of_folder(folder).members) == sorted(FILES)
 
 
 def test_lists_and_mappings_become_lights(folder: Path) -> None:

@@ -38,7 +38,7 @@ const fn case(code: &'static str, scene: fn(u64) -> Scene, part: Part, make: fn(
     Case { code, scene, part, make, reported_as: Some(code) }
 }
 
-const CASES: [Case; 13] = [
+const CASES: [Case; 12] = [
     case("range_too_short_near", Scene::insect, Part::Enlarged(2), |stack| {
         let n = stack.count();
         stack.only(|i| i >= n / 2)
@@ -70,10 +70,6 @@ const CASES: [Case; 13] = [
     case("picture_jumps", Scene::insect, Part::Enlarged(3), |stack| {
         let n = stack.count() / 2;
         stack.with_profile_error(|i| (1.0, if i >= n as f64 { [4.0, -2.0] } else { [0.0; 2] }))
-    }),
-    case("exposure_flicker", Scene::insect, Part::Whole, |stack| {
-        let n = stack.count();
-        stack.scaled(n / 2 + 1, [0.7; 3]).scaled(n / 2 - 2, [1.25; 3])
     }),
     case("exposure_drift", Scene::insect, Part::Whole, |stack| {
         let n = stack.count();

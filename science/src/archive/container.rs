@@ -7,6 +7,7 @@ mod copying;
 mod decoding;
 mod disk_failure;
 mod member_count;
+mod without_zip64;
 
 use std::{
     fs::File,
@@ -100,7 +101,9 @@ impl Container {
 
     fn checked(source: Arc<dyn ReadAt>, limits: &ArchiveLimits, failure: &DiskFailure) -> Result<Self, Error> {
         let length = source.length().map_err(unreadable)?;
-        let head = refuse_other_files(&*source, length, limits)?;
+        let Ends { head, tail } = refuse_other_files(&*source, length, limits)?;
+        let source = without_zip64::rebuilt(&source, &tail, length, limits)?.unwrap_or(source);
+        let length = source.length().map_err(unreadable)?;
         let damaged_directory = |why: &dyn std::fmt::Display| damaged_directory(why, &head);
 
         let budget = Arc::new(AtomicU64::new(member_count::directory_budget(limits)));
@@ -241,10 +244,11 @@ impl Container {
         let entry = zip.by_index(member.index).map_err(|error| not_decompressed(&member.name, error))?;
         let mut reader = BufReader::new(SeekWindow::new(entry, member.size, most));
         let header = codec::probe(&mut reader, &limits.image);
-        if header.is_err() && reader.get_ref().was_stopped() {
+        // what was not read may have been left out silently, as a colour profile is
+        if reader.get_ref().was_stopped() {
             return Ok(None);
         }
-        if header.is_err() && reader.get_ref().fell_behind() {
+        if reader.get_ref().fell_behind() {
             // a TIFF whose directory refers back and forth; rare
             drop(reader);
             let bytes = self.read_whole(member, limits)?;
@@ -304,8 +308,14 @@ fn refuse_many(members: u64, limits: &ArchiveLimits) -> Result<(), Error> {
     Err(Error::new(ErrorKind::ArchiveTooLarge, detail))
 }
 
-/// Refuses files that are not a zip, truncated zips, and zips that declare too many members. Returns the first bytes.
-fn refuse_other_files(file: &dyn ReadAt, length: u64, limits: &ArchiveLimits) -> Result<Vec<u8>, Error> {
+/// The first and the last bytes of a file.
+struct Ends {
+    head: Vec<u8>,
+    tail: Vec<u8>,
+}
+
+/// Refuses files that are not a zip, truncated zips, and zips that declare too many members.
+fn refuse_other_files(file: &dyn ReadAt, length: u64, limits: &ArchiveLimits) -> Result<Ends, Error> {
     let mut head = vec![0; length.min(not_a_zip::HEAD_BYTES) as usize];
     file.read_exact_at(&mut head, 0).map_err(unreadable)?;
     let tail_length = length.min(not_a_zip::END_RECORD_BYTES);
@@ -316,7 +326,7 @@ fn refuse_other_files(file: &dyn ReadAt, length: u64, limits: &ArchiveLimits) ->
     }
     let members = member_count::declared(file, &tail, length).map_err(unreadable)?;
     refuse_many(members, limits)?;
-    Ok(head)
+    Ok(Ends { head, tail })
 }
 
 /// Writes a zip of stored members, because pictures hardly compress; zip64 where required. The same members give the

@@ -8,7 +8,10 @@ use super::{
     slices::ArchivedSlices,
 };
 use crate::{
-    imaging::{Slices, codec::Header},
+    imaging::{
+        Slices,
+        codec::{CaptureTime, ColourSpace, Header},
+    },
     types::{Error, ErrorKind, Warning, WarningCode, error::ErrorLocation},
 };
 
@@ -22,6 +25,8 @@ pub(super) struct Common {
     pub channels: u8,
     /// EXIF orientation of all slices, 1 without a tag.
     pub orientation: u8,
+    /// When the slices of the front light, and of the back light, were taken, as far as known.
+    pub taken: [Vec<Option<CaptureTime>>; 2],
 }
 
 /// A header and its slice.
@@ -36,12 +41,10 @@ struct Found<'a> {
 ///
 /// At most `most` bytes of a compressed slice are decompressed. Slices whose header is beyond them are skipped; if that
 /// applies to all slices of one light, its first slice is decompressed completely: lights may differ in bit depth.
-/// `is_listed`: `manifest.json` gives the order of the slices.
 pub(super) fn check(
     front: &ArchivedSlices,
     back: &ArchivedSlices,
     most: u64,
-    is_listed: bool,
     warnings: &mut Vec<Warning>,
 ) -> Result<Common, Error> {
     let mut found = Vec::new();
@@ -61,7 +64,6 @@ pub(super) fn check(
     }
     refuse_turned(&found)?;
     let (width, height) = refuse_sizes(&found)?;
-    warn_of_times(&found, is_listed, warnings);
     let largest = |of: fn(&Header) -> u8| found.iter().map(|f| of(&f.header)).max().unwrap_or_default();
     let (bit_depth, channels) = (largest(|h| h.bit_depth), largest(|h| h.channels));
     // the two lights may differ: grey is sufficient for a silhouette
@@ -69,50 +71,51 @@ pub(super) fn check(
     let bits = |h: &Header| format!("has {} bits per sample", h.bit_depth);
     let colour = |h: &Header| if h.channels == 1 { "is grey" } else { "is in colour" }.to_owned();
     let lights = [front_found, back_found];
-    warnings.extend(lights.iter().filter_map(|found| mixed(WarningCode::MixedBitDepth, "in bit depth", found, bits)));
-    warnings.extend(lights.iter().filter_map(|found| mixed(WarningCode::MixedColour, "in colour", found, colour)));
+    let depth_of = |h: &Header| h.bit_depth;
+    let depths = |found: &&[Found<'_>]| mixed(WarningCode::MixedBitDepth, "in bit depth", found, depth_of, bits);
+    warnings.extend(lights.iter().filter_map(depths));
+    let channels_of = |h: &Header| h.channels;
+    let colours = |found: &&[Found<'_>]| mixed(WarningCode::MixedColour, "in colour", found, channels_of, colour);
+    warnings.extend(lights.iter().filter_map(colours));
+    let (space_of, space) = (|h: &Header| h.colour, |h: &Header| h.colour.clause().to_owned());
+    let in_space = "in colour space, and are fused as they are";
+    warnings.extend(mixed(WarningCode::MixedColourSpaces, in_space, front_found, space_of, space));
+    warnings.extend(unknown_colours(front_found));
     let orientation = usual(&found, |header| header.orientation).unwrap_or(1);
-    Ok(Common { width, height, bit_depth, channels, orientation })
+    let taken = [(Light::Front, front), (Light::Back, back)].map(|(light, slices)| {
+        let mut taken = vec![None; slices.count()];
+        found.iter().filter(|f| f.light == light).for_each(|f| taken[f.index] = f.header.taken);
+        taken
+    });
+    Ok(Common { width, height, bit_depth, channels, orientation, taken })
 }
 
-/// Warns when slices were not taken in the order in which they are used. Equal times are normal: EXIF times are whole
-/// seconds. A stack that was taken from its last slice to its first is in order.
-fn warn_of_times(found: &[Found<'_>], is_listed: bool, warnings: &mut Vec<Warning>) {
-    for light in [Light::Front, Light::Back] {
-        let of: Vec<&Found<'_>> = found.iter().filter(|f| f.light == light).collect();
-        let Some(times) = of.iter().map(|f| f.header.taken).collect::<Option<Vec<_>>>() else { continue };
-        let later = |ascending: bool| {
-            (1..times.len())
-                .filter(|&i| if ascending { times[i] > times[i - 1] } else { times[i] < times[i - 1] })
-                .count()
-        };
-        let (forward, backward) = (later(true), later(false));
-        if forward == 0 || backward == 0 {
-            continue;
-        }
-        let ascending = forward >= backward;
-        let odd = (1..times.len()).find(|&i| if ascending { times[i] < times[i - 1] } else { times[i] > times[i - 1] });
-        let Some(odd) = odd else { continue };
-        let (before, after) = (of[odd - 1].name, of[odd].name);
-        let (first, second) = if ascending { (after, before) } else { (before, after) };
-        let advice = match is_listed {
-            true => "the order is wrong, correct manifest.json",
-            false => "the names are wrong, rename the files or list them in manifest.json",
-        };
-        let detail = format!(
-            "the slices were not taken in the order in which they are used: by its EXIF time {first} was taken before \
-             {second}; if {advice}"
-        );
-        warnings.push(Warning::new(WarningCode::OrderContradictsTimes, detail));
-    }
+/// A warning for slices in a colour space that no output can state.
+fn unknown_colours(found: &[Found<'_>]) -> Option<Warning> {
+    let odd: Vec<&str> = found.iter().filter(|f| f.header.colour == ColourSpace::Unknown).map(|f| f.name).collect();
+    let have = one_or_more(odd.len(), "has", "have");
+    let detail = format!(
+        "{} of {} slices {have} a colour space that is not known, or a colour profile for another kind of picture, so \
+         the image has no profile and is shown as sRGB: {}; save all slices in sRGB, or with an ICC profile for RGB",
+        odd.len(),
+        found.len(),
+        listed(odd.iter().copied())
+    );
+    (!odd.is_empty()).then(|| Warning::new(WarningCode::UnknownColourSpace, detail))
 }
 
-/// A warning when slices of one light differ `in_what`. Names the first two slices of which `clause` says different
-/// things.
-fn mixed(code: WarningCode, in_what: &str, found: &[Found<'_>], clause: impl Fn(&Header) -> String) -> Option<Warning> {
+/// A warning when slices of one light differ `in_what`. Names the first slice and the first of another `value`, with a
+/// `clause` about each.
+fn mixed<T: PartialEq>(
+    code: WarningCode,
+    in_what: &str,
+    found: &[Found<'_>],
+    value: impl Fn(&Header) -> T,
+    clause: impl Fn(&Header) -> String,
+) -> Option<Warning> {
     let first = found.first()?;
-    let is = clause(&first.header);
-    let (other, other_is) = found.iter().map(|f| (f, clause(&f.header))).find(|(_, clause)| *clause != is)?;
+    let other = found.iter().find(|f| value(&f.header) != value(&first.header))?;
+    let (is, other_is) = (clause(&first.header), clause(&other.header));
     let detail = format!(
         "the {} slices differ {in_what}: {} {is}, {} {other_is}; use the same settings for all slices of one light",
         first.light.word(),

@@ -12,11 +12,11 @@ use super::{
     manifest, member_names,
     members::{Member, Picture, SortedSlices},
     messages::{invalid, listed, one_or_more, slices_of},
-    natural_order,
+    slice_order,
 };
 use crate::{
     imaging::codec,
-    types::{Error, ErrorKind, Warning, WarningCode, profile::MAX_SLICES},
+    types::{Error, ErrorKind, Warning, WarningCode, profile::MAX_SLICES, text::folded},
 };
 
 /// Finds the slices, groups them by light and orders them.
@@ -42,8 +42,9 @@ pub(super) fn sort(
         Some((_, manifest)) => manifest.apply(pictures)?,
         None => {
             let (mut front, mut back) = by_folder(pictures)?;
-            natural_order::sort(&mut front, |member| &member.name, warnings);
-            natural_order::sort(&mut back, |member| &member.name, warnings);
+            // the times of capture may correct this order, and the warnings come with them
+            slice_order::sort(&mut front, |member| &member.name, &mut Vec::new());
+            slice_order::sort(&mut back, |member| &member.name, &mut Vec::new());
             SortedSlices { front, back, is_listed: false }
         }
     };
@@ -102,7 +103,7 @@ fn warn_of_names(members: &[Member], warnings: &mut Vec<Warning>) {
 pub(super) fn refuse_same_names(members: &[Member]) -> Result<(), Error> {
     let mut seen: HashMap<String, &str> = HashMap::new();
     for member in members {
-        if let Some(other) = seen.insert(member.name.to_lowercase(), &member.name) {
+        if let Some(other) = seen.insert(folded(&member.name), &member.name) {
             let detail = format!("the zip has both {other} and {}, which are the same name; rename one", member.name);
             return Err(invalid(&member.name, detail));
         }
@@ -149,7 +150,7 @@ pub(super) fn split_with_raw(members: Vec<Member>) -> (Split, Vec<(Member, &'sta
             others.push(member);
         }
     }
-    let stem_of = |member: &Member| member_names::stem(&member.name).to_lowercase();
+    let stem_of = |member: &Member| folded(member_names::stem(&member.name));
     let stems: HashSet<String> = pictures.iter().map(stem_of).collect();
     let (raw, alone): (Vec<_>, Vec<_>) = raw.into_iter().partition(|(member, _)| stems.contains(&stem_of(member)));
     let raw = raw.into_iter().map(|(member, _)| member).collect();
@@ -158,22 +159,19 @@ pub(super) fn split_with_raw(members: Vec<Member>) -> (Split, Vec<(Member, &'sta
 
 /// Strips the folders that enclose all pictures. Returns the stripped prefix too.
 fn unwrapped(pictures: Vec<Member>) -> (Vec<Picture>, String) {
-    let mut wrapper = String::new();
-    while let Some(folder) = common_folder(&pictures, wrapper.len()) {
-        if Light::of_folder(&folder).is_some() {
-            break;
-        }
-        wrapper.push_str(&folder);
-        wrapper.push('/');
+    let folder = |member: &Member, depth: usize| member.folder().split('/').nth(depth).map(folded);
+    let mut depth = 0;
+    while let Some(first) = pictures.first().and_then(|member| folder(member, depth)).filter(|name| !name.is_empty())
+        && Light::of_folder(&first).is_none()
+        && pictures.iter().all(|member| folder(member, depth).as_ref() == Some(&first))
+    {
+        depth += 1;
     }
-    let strip = |member: Member| Picture { inner: member.name[wrapper.len()..].to_owned(), member };
-    (pictures.into_iter().map(strip).collect(), wrapper)
-}
-
-fn common_folder(pictures: &[Member], from: usize) -> Option<String> {
-    let (first, _) = pictures.first()?.name[from..].split_once('/')?;
-    let in_it = |member: &Member| member.name[from..].split_once('/').is_some_and(|(folder, _)| folder == first);
-    pictures.iter().all(in_it).then(|| first.to_owned())
+    // folders of one name may have different lengths in bytes
+    let inner = |name: &str| name.splitn(depth + 1, '/').nth(depth).unwrap_or(name).to_owned();
+    let wrapper = pictures.first().map_or("", |member| member.name.strip_suffix(&inner(&member.name)).unwrap_or(""));
+    let wrapper = wrapper.to_owned();
+    (pictures.into_iter().map(|member| Picture { inner: inner(&member.name), member }).collect(), wrapper)
 }
 
 /// Refuses names that differ only in their extension: one slice in two formats would count twice.
@@ -190,7 +188,7 @@ pub(super) fn twins(pictures: &[Member]) -> Vec<(&Member, String)> {
     let mut twins = Vec::new();
     for member in pictures {
         let name = &member.name;
-        if let Some(other) = seen.insert(member_names::stem(name).to_lowercase(), name) {
+        if let Some(other) = seen.insert(folded(member_names::stem(name)), name) {
             let detail =
                 format!("{other} and {name} seem to be one slice in two formats; keep only one of the formats");
             twins.push((member, detail));
@@ -273,8 +271,9 @@ fn unknown_folders(unknown: &BTreeMap<String, String>) -> String {
 /// Refuses slices of one light in several folders: they would be two stacks.
 fn in_one_folder(pictures: Vec<Picture>, light: Light) -> Result<Vec<Member>, Error> {
     let folder_of = |picture: &Picture| picture.inner.rsplit_once('/').map(|(folder, _)| folder.to_owned());
+    let same = |a: &Option<String>, b: &Option<String>| a.as_deref().map(folded) == b.as_deref().map(folded);
     if let Some(first) = pictures.first().map(folder_of)
-        && let Some(other) = pictures.iter().find(|picture| folder_of(picture) != first)
+        && let Some(other) = pictures.iter().find(|picture| !same(&folder_of(picture), &first))
     {
         let word = light.word();
         let (a, b) = (first.unwrap_or_default(), folder_of(other).unwrap_or_default());

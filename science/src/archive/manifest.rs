@@ -12,7 +12,7 @@ use super::{
     members::{Member, Picture, SortedSlices},
     messages::{invalid, listed},
 };
-use crate::types::{Error, Warning, WarningCode};
+use crate::types::{Error, Warning, WarningCode, text::folded};
 
 /// Name of the file, in the root or in the folder that encloses everything.
 const FILE: &str = "manifest.json";
@@ -39,7 +39,7 @@ pub(super) fn find(
     warnings: &mut Vec<Warning>,
 ) -> Result<Option<(Member, Manifest)>, Error> {
     let inside = format!("{wrapper}{FILE}");
-    let called = |member: &&Member, name: &str| member.name.eq_ignore_ascii_case(name);
+    let called = |member: &&Member, name: &str| folded(&member.name) == folded(name);
     let found = others.iter().find(|m| called(m, &inside)).or_else(|| others.iter().find(|m| called(m, FILE)));
     let Some(member) = found else { return Ok(None) };
     let name = &member.name;
@@ -105,10 +105,10 @@ impl Pictures {
         let mut by_name: HashMap<String, Vec<usize>> = HashMap::new();
         let mut by_light: HashMap<(Light, String), Vec<usize>> = HashMap::new();
         for (at, picture) in pictures.iter().enumerate() {
-            by_name.entry(picture.member.name.to_lowercase()).or_default().push(at);
-            by_name.entry(picture.inner.to_lowercase()).or_default().push(at);
+            by_name.entry(folded(&picture.member.name)).or_default().push(at);
+            by_name.entry(folded(&picture.inner)).or_default().push(at);
             if let Some((light, rest)) = picture.in_light_folder() {
-                by_light.entry((light, rest.to_lowercase())).or_default().push(at);
+                by_light.entry((light, folded(rest))).or_default().push(at);
             }
         }
         Self { left: pictures.into_iter().map(Some).collect(), by_name, by_light }
@@ -124,7 +124,7 @@ impl Pictures {
                     format!("{FILE} lists {name:?}, which cannot be a slice; list the pictures of the zip only"),
                 ));
             };
-            let small = label.to_lowercase();
+            let small = folded(&label);
             let called = self.by_name.get(&small).into_iter().chain(self.by_light.get(&(light, small.clone())));
             let free = called.flatten().copied().filter(|&at| self.left.get(at).is_some_and(Option::is_some)).min();
             let Some(picture) = free.and_then(|at| self.left.get_mut(at)?.take()) else {

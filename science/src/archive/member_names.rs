@@ -6,6 +6,26 @@ use crate::types::Error;
 /// Maximum length of a name, bytes.
 const LONGEST: usize = 1_024;
 
+/// Folders that systems, file servers and file managers put beside pictures, in lower case. Folders whose name begins
+/// with a dot are skipped too. The page *Send* and the Python client have the same list.
+pub(super) const SKIPPED_FOLDERS: [&str; 15] = [
+    "__macosx",                  // macOS, in zips
+    "@eadir",                    // Synology: thumbnails
+    "#recycle",                  // Synology
+    "#snapshot",                 // Synology
+    "@recycle",                  // QNAP
+    "@recently-snapshot",        // QNAP
+    "@__thumb",                  // QNAP: thumbnails
+    "@transcode",                // QNAP
+    "@tmp",                      // Synology
+    "$recycle.bin",              // Windows
+    "recycler",                  // Windows, older
+    "system volume information", // Windows
+    "lost+found",                // Linux
+    "network trash folder",      // AppleShare
+    "temporary items",           // AppleShare
+];
+
 /// A name that is refused.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct InvalidName {
@@ -104,9 +124,11 @@ pub(super) fn is_of_another_code_page(raw: &[u8]) -> bool {
 
 /// True for files that operating systems add to folders.
 fn is_system_file(parts: &[&str]) -> bool {
-    let Some(last) = parts.last() else { return false };
+    let Some((last, folders)) = parts.split_last() else { return false };
     let known = [".ds_store", "thumbs.db", "ehthumbs.db", "desktop.ini", "icon\r"];
-    parts.iter().any(|part| part.eq_ignore_ascii_case("__macosx"))
+    let is_skipped =
+        |folder: &str| folder.starts_with('.') || SKIPPED_FOLDERS.contains(&folder.to_lowercase().as_str());
+    folders.iter().any(|folder| is_skipped(folder))
         || last.starts_with("._")
         || known.contains(&last.to_ascii_lowercase().as_str())
 }
@@ -162,8 +184,23 @@ mod tests {
             "x/Thumbs.db",
             "Desktop.ini",
             "front/Icon\r",
+            "front/@eaDir/1.png/SYNOFILE_THUMB_M.png",
+            "@eadir/1.png",
+            "front/.@__thumb/default1.png",
+            "#recycle/1.png",
+            "a\\@Recycle\\1.png",
+            "front/.thumbnails/1.png",
+            "$RECYCLE.BIN/S-1-5/1.png",
+            ".Trashes/501/1.png",
         ] {
             assert_eq!(checked(raw), Ok(None), "{raw}");
+        }
+    }
+
+    #[test]
+    fn folders_and_files_with_similar_names_are_kept() {
+        for raw in ["thumbnails/1.png", "eaDir/1.png", "a@b/1.png", "#3/1.png", "recycle/1.png", "front/.1.png"] {
+            assert_eq!(checked(raw).unwrap().as_deref(), Some(raw));
         }
     }
 

@@ -8,17 +8,22 @@
 //! | aspect | accepted |
 //! |---|---|
 //! | folders | front light in `front` or in the root, back light in `back` (other spellings: [`Light`]); enclosing folders |
-//! | order | natural order of the names, or the order given by `manifest.json` |
+//! | order | that of the names, the times of capture and the pictures ([`slice_order`]), or that of `manifest.json` |
 //! | compression | stored, deflate, deflate64 |
-//! | format | zip, zip64, data descriptors, backslashes in names, names in UTF-8 or code page 437 |
+//! | format | zip, zip64, zips over 4 GB of the macOS Finder, data descriptors, backslashes in names, names in UTF-8 or code page 437 |
 //!
-//! Natural order compares numbers by value and ignores case: `img_2` before `img_10`, `_step_-00400_` before
-//! `_step_00000_`. A camera counter that rolls over within the stack (`9998, 9999, 0001`) is corrected, with a warning.
+//! Natural order compares numbers by value and ignores case: `img_2` before `img_10`, `z-0.5` before `z0.25`. The names of
+//! a stack together tell which minus is a sign and which point has decimals ([`notation`]). A camera counter that starts
+//! again within the stack (`9998, 9999, 0001`) is followed, with a warning ([`counter`]). Names are compared in one normal
+//! form of Unicode ([`folded`](crate::types::text::folded)). Folders that systems and file servers put beside pictures
+//! are skipped ([`member_names`]).
 //!
 //! A manifest is `{"front": ["a.jpg", "b.jpg"], "back": ["c.jpg", "d.jpg"]}`. Names are relative to the root or to the
 //! folder of that light, and every picture of the zip is named once.
 
 mod container;
+mod copies;
+mod counter;
 mod headers;
 mod layout;
 mod light;
@@ -29,6 +34,7 @@ mod members;
 mod messages;
 mod natural_order;
 mod not_a_zip;
+mod notation;
 pub mod npy;
 pub mod npz;
 mod numbering_gaps;
@@ -36,6 +42,7 @@ mod png_trailer;
 pub mod scan;
 mod seek_window;
 mod slice_counts;
+mod slice_order;
 mod slices;
 
 use std::{path::Path, sync::Arc};
@@ -45,9 +52,9 @@ use crate::types::ErrorKind;
 use crate::types::{Error, ReadAt, Warning, stack_layout::StackLayout};
 
 pub use container::pack;
+pub use copies::{copied, copies};
 pub use light::Light;
 pub use limits::ArchiveLimits;
-pub use natural_order::natural_order;
 pub use numbering_gaps::skipped;
 pub use scan::{Ignored, ScanArchive, ScanRules, ScanView, open_scan};
 pub use slices::ArchivedSlices;
@@ -59,6 +66,8 @@ use messages::invalid;
 pub struct StackArchive {
     layout: StackLayout,
     warnings: Vec<Warning>,
+    /// The front-light slices in the order of a witness that was overruled.
+    overruled: Option<Vec<usize>>,
     front: ArchivedSlices,
     back: ArchivedSlices,
 }
@@ -68,7 +77,15 @@ impl StackArchive {
     #[must_use]
     pub fn reversed(self) -> Self {
         let (front, back) = (self.front.reversed(), self.back.reversed());
-        Self { layout: self.layout.reversed(), front, back, ..self }
+        let last = self.layout.front.len().saturating_sub(1);
+        let overruled = self.overruled.map(|places| places.into_iter().map(|place| last - place).collect());
+        Self { layout: self.layout.reversed(), overruled, warnings: self.warnings, front, back }
+    }
+
+    /// The front-light slices in another order, where the names and the times of capture disagree: that of the times, or
+    /// that of the names where the times decided. `None` where both agree, and where `manifest.json` gives the order.
+    pub fn overruled_order(&self) -> Option<&[usize]> {
+        self.overruled.as_deref()
     }
 
     /// Names in order, and the size of all slices.
@@ -179,7 +196,12 @@ fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<St
     let is_listed = sorted.is_listed;
     let front = ArchivedSlices::new(container.clone(), sorted.front, *limits);
     let back = ArchivedSlices::new(container, sorted.back, *limits);
-    let common = headers::check(&front, &back, most, is_listed, &mut warnings)?;
+    let common = headers::check(&front, &back, most, &mut warnings)?;
+    let settled = [(&front, &common.taken[0]), (&back, &common.taken[1])]
+        .map(|(slices, taken)| slice_order::settle(&slices.names(), taken, is_listed));
+    let (front, back) = (front.reordered(&settled[0].order), back.reordered(&settled[1].order));
+    let overruled = settled[0].overruled.clone();
+    warnings.extend(settled.into_iter().flat_map(|settled| settled.warnings));
     let largest = slice_counts::refuse_large([&front, &back], u64::from(common.width) * u64::from(common.height))?;
     let layout = StackLayout {
         front: front.names(),
@@ -195,6 +217,7 @@ fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<St
     Ok(StackArchive {
         layout,
         warnings,
+        overruled,
         front: front.sized(common.width, common.height),
         back: back.sized(common.width, common.height),
     })

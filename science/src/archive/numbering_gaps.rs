@@ -4,7 +4,9 @@ use super::{
     member_names,
     messages::one_or_more,
     natural_order::{self, Piece},
+    slice_order,
 };
+use crate::types::text::folded;
 
 /// Maximum number of gaps that are listed.
 const MOST: usize = 3;
@@ -13,12 +15,12 @@ const MOST: usize = 3;
 /// there are none, when the names differ in more than one number, or when that number has no step that over half of all
 /// share.
 pub fn skipped(names: &[String]) -> Option<String> {
-    let counters = natural_order::varying_pieces(names.iter().map(String::as_str))?;
-    let numbers: Vec<i64> = counters.iter().map(number).collect::<Option<_>>()?;
-    // numbers that far apart number nothing
-    let steps: Vec<i64> = numbers.windows(2).map(|pair| pair[1].checked_sub(pair[0])).collect::<Option<_>>()?;
+    let shown: Vec<&str> = names.iter().map(String::as_str).collect();
+    let counters = natural_order::varying_pieces(&shown, &slice_order::notation(&shown))?;
+    let numbers: Vec<i128> = counters.iter().map(number).collect::<Option<_>>()?;
+    let steps: Vec<i128> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let usual = usual(&steps)?;
-    let is_gap = |step: i64| step.signum() == usual.signum() && step.unsigned_abs() > usual.unsigned_abs();
+    let is_gap = |step: i128| step.signum() == usual.signum() && step.unsigned_abs() > usual.unsigned_abs();
     let gaps: Vec<String> = (0..steps.len())
         .filter(|&i| is_gap(steps[i]))
         .map(|i| format!("after {} comes {}", member_names::base(&names[i]), member_names::base(&names[i + 1])))
@@ -36,24 +38,29 @@ pub fn skipped(names: &[String]) -> Option<String> {
 
 /// Slices of one light without a counterpart of the same name in the other. Empty when the lights use different names.
 pub(super) fn unmatched<'a>(these: &'a [String], others: &[String]) -> Vec<&'a str> {
-    let key = |name: &str| member_names::base(member_names::stem(name)).to_lowercase();
+    let key = |name: &str| folded(member_names::base(member_names::stem(name)));
     let others: std::collections::HashSet<String> = others.iter().map(|name| key(name)).collect();
     let lacking: Vec<&str> = these.iter().filter(|name| !others.contains(&key(name))).map(String::as_str).collect();
     // more than half unmatched: different naming schemes
     if lacking.len() * 2 > these.len() { Vec::new() } else { lacking }
 }
 
-fn number(piece: &Piece<'_>) -> Option<i64> {
+/// Digits after the decimal point that are compared.
+const DECIMALS: usize = 12;
+
+/// The number in units of the last decimal; `None` for text, and for numbers that far apart that they number nothing.
+fn number(piece: &Piece<'_>) -> Option<i128> {
     match piece {
-        Piece::Number { negative, digits } => {
-            digits.parse::<i64>().ok().map(|value| if *negative { -value } else { value })
+        Piece::Number { negative, whole, fraction } if whole.len() < 20 && fraction.len() <= DECIMALS => {
+            let value: i128 = format!("{whole}{fraction:0<DECIMALS$}").parse().ok()?;
+            Some(if *negative { -value } else { value })
         }
-        Piece::Text(_) => None,
+        _ => None,
     }
 }
 
 /// The step that over half of all share.
-fn usual(steps: &[i64]) -> Option<i64> {
+fn usual(steps: &[i128]) -> Option<i128> {
     let mut sorted = steps.to_vec();
     sorted.sort_unstable();
     let middle = *sorted.get(sorted.len() / 2)?;

@@ -1,7 +1,7 @@
 //! Checks the number of slices and the size of their files.
 
 use super::{
-    Light,
+    Light, copies,
     messages::{listed, slices_of},
     numbering_gaps,
     slices::ArchivedSlices,
@@ -40,18 +40,26 @@ pub(super) fn refuse(layout: &StackLayout) -> Result<(), Error> {
         ));
     }
     if back != 0 && back != front {
-        return mismatch(format!(
+        let detail = format!(
             "the zip has {} and {}; both must be taken at the same rail positions{}",
             slices_of(front, Light::Front),
             slices_of(back, Light::Back),
             missing_slices(layout)
-        ));
+        );
+        let copies = [&layout.front, &layout.back].into_iter().flat_map(|names| copies::copies(names));
+        let error = Error::new(ErrorKind::SliceCountMismatch, detail);
+        return Err(copies.fold(error, |error, copy| error.in_file(copy, None)));
     }
     Ok(())
 }
 
-/// Which slices have no counterpart in the other light, or where the numbering has a gap, judged by the names.
+/// Which slices are copies, which have no counterpart in the other light, or where the numbering has a gap, judged by
+/// the names.
 fn missing_slices(layout: &StackLayout) -> String {
+    let copied = [&layout.front, &layout.back].into_iter().find_map(|names| copies::copied(names));
+    if let Some(copied) = copied {
+        return format!(": {copied}");
+    }
     let lights = [(&layout.front, &layout.back, "back"), (&layout.back, &layout.front, "front")];
     for (these, others, lacking) in lights {
         let alone = numbering_gaps::unmatched(these, others);

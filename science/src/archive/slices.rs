@@ -42,6 +42,12 @@ impl ArchivedSlices {
         sizes.fold(None, |best, next| if best.is_none_or(|(_, size)| next.1 > size) { Some(next) } else { best })
     }
 
+    /// The same slices in another order, given by their indices.
+    pub(super) fn reordered(mut self, order: &[usize]) -> Self {
+        self.members = order.iter().filter_map(|&at| self.members.get(at).cloned()).collect();
+        self
+    }
+
     /// The same slices from the last to the first.
     pub(super) fn reversed(mut self) -> Self {
         self.members.reverse();

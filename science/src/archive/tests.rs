@@ -5,7 +5,9 @@ mod damage;
 mod disk;
 mod headers;
 mod layout;
+mod order;
 mod sentences;
+mod without_zip64;
 mod zips;
 
 use std::io::Write;

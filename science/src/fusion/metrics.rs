@@ -42,6 +42,7 @@ pub(super) fn alignment<S: Sample>(run: &Run<'_>, aligned: &Aligned) -> Result<A
     };
     let (slices, object) = (aligned.coverages.len(), request.object);
     let mut alignment = quality::alignment::measure(slices, &read, plan.width, plan.height, object);
+    alignment.detect_foreign(&aligned.measurements, &read, (plan.width, plan.height), object);
     control.check()?;
     let homographies: Vec<Homography> = plan.slices.iter().map(|slice| slice.homography).collect();
     alignment.detect_reversal(&homographies, (plan.width, plan.height));

@@ -1,6 +1,7 @@
 //! Tests of fusion as a whole: against images with known truth, by property, and against the definition of the method.
 
 mod control;
+mod flicker;
 mod focus_range;
 mod halo_corrected;
 mod near_detail;

@@ -11,9 +11,10 @@
 //! | wave-optical depth of field | `4 lambda N_eff^2 / M^2` | `lambda / NA^2` with `NA = M / (2 N_eff)`, on the side of the object |
 //! | diameter of the Airy disc | `2.44 lambda N_eff` | |
 //!
-//! The step is `1 - overlap` times the smaller of the geometric and the wave-optical depth: with a moving lens of the
-//! depth of field, with a fixed lens of the depth of focus, because there the sensor moves. Of a stack, the slice with
-//! the smallest depth decides.
+//! The step is `1 - overlap` times the sum of the geometric and the wave-optical depth, which is what is seen: with a
+//! moving lens of the depth of field, with a fixed lens of the depth of focus, because there the sensor moves. Of a
+//! stack, the slice with the smallest depth decides. What the step costs is `contrast_between_slices`: the transfer
+//! function of a defocused lens (Hopkins 1955) halfway between two slices, over that in focus.
 
 mod capture_plan;
 mod input;
@@ -65,6 +66,7 @@ pub fn plan(input: &PlanInput) -> Result<CapturePlan, Error> {
     let reference_magnification = path.magnification(rail[reference], &lens);
     let principal_distance = lens.at(reference_magnification).principal_distance();
     let effective = lens.effective_f_number(magnification);
+    let smallest = slices.iter().map(|slice| slice.magnification).fold(f64::INFINITY, f64::min);
     let size = input.image_width.zip(input.image_height);
     let mut plan = CapturePlan {
         magnification,
@@ -83,6 +85,7 @@ pub fn plan(input: &PlanInput) -> Result<CapturePlan, Error> {
         reference_index: u32::try_from(reference).unwrap_or(u32::MAX),
         step_mm: path.travel / steps,
         largest_step_mm: path.largest_step,
+        contrast_between_slices: lens.contrast(smallest, path.defocus(path.travel / steps)),
         travel_mm: path.travel,
         rail_positions_mm: rail,
         common_field: match input.mode {

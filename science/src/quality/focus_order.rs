@@ -9,6 +9,8 @@
 //! which is 0 for curves with one peak. A slice is misplaced if moving it alone removes a considerable part of the
 //! excess.
 
+use crate::{imaging::Slices, types::Error};
+
 /// Cells in each direction over the canvas: coarse, because misplaced slices were also warped by a wrong homography.
 const GRID: usize = 20;
 /// A cell needs this many points.
@@ -24,6 +26,15 @@ const LEAST_GAIN: f32 = 0.08;
 const LEAST_GAIN_SHARE: f32 = 0.25;
 /// The slices with the largest dents that are tried per round.
 const SUSPECTS: usize = 6;
+
+/// True when focus moves more steadily in `order` than in the order of `slices`, by as much as a misplaced slice needs
+/// to be reported. Loads every slice once.
+///
+/// # Errors
+/// Those of loading.
+pub fn focus_prefers(slices: &(impl Slices + ?Sized), order: &[usize]) -> Result<bool, Error> {
+    Ok(FocusCurves::of_slices(slices)?.prefer(order))
+}
 
 /// The logarithm of the mean saliency over the slices, cell by cell.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -55,6 +66,42 @@ impl FocusCurves {
         };
         let cells = sums.into_iter().filter(|(count, values)| *count >= LEAST_POINTS && rises(values));
         Self { slices, cells: cells.map(|(_, values)| values.into_iter().map(f32::ln).collect()).collect() }
+    }
+
+    /// From slices as they were stored: the mean squared gradient of the cells.
+    fn of_slices(slices: &(impl Slices + ?Sized)) -> Result<Self, Error> {
+        let mut energies: Vec<Vec<f32>> = vec![Vec::new(); GRID * GRID];
+        for index in 0..slices.count() {
+            let luma = slices.load(index)?.luma();
+            let (width, height) = (luma.width, luma.height);
+            let mut sums = vec![(0.0f64, 0usize); GRID * GRID];
+            for y in 1..height {
+                let cells = &mut sums[y * GRID / height * GRID..][..GRID];
+                for (x, ((&value, &left), &above)) in
+                    luma.row(y).iter().skip(1).zip(luma.row(y)).zip(luma.row(y - 1).iter().skip(1)).enumerate()
+                {
+                    let cell = &mut cells[(x + 1) * GRID / width];
+                    cell.0 += f64::from((value - left).powi(2) + (value - above).powi(2));
+                    cell.1 += 1;
+                }
+            }
+            energies.iter_mut().zip(sums).for_each(|(cell, (sum, n))| cell.push((sum / n.max(1) as f64) as f32));
+        }
+        let rises = |values: &Vec<f32>| {
+            let (low, high) = values.iter().fold((f32::MAX, 0.0f32), |(low, high), &v| (low.min(v), high.max(v)));
+            low > 0.0 && high > LEAST_RISE * low
+        };
+        let cells = energies.into_iter().filter(rises).map(|values| values.into_iter().map(f32::ln).collect());
+        Ok(Self { slices: slices.count(), cells: cells.collect() })
+    }
+
+    /// True when the slices come in `order` rather than in their own order.
+    fn prefer(&self, order: &[usize]) -> bool {
+        if self.slices < LEAST_SLICES || self.cells.len() < LEAST_CELLS || order.len() != self.slices {
+            return false;
+        }
+        let excess = self.excess(&(0..self.slices).collect::<Vec<_>>());
+        excess - self.excess(order) >= LEAST_GAIN.max(LEAST_GAIN_SHARE * excess)
     }
 
     /// The slices in the order of focus, if they do not come in that order or its reverse; else none.

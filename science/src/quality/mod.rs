@@ -20,7 +20,7 @@ pub mod alignment;
 mod clipping;
 mod deterministic_sum;
 mod diagnosis;
-mod flicker;
+pub mod flicker;
 mod focus;
 mod focus_order;
 pub mod full_reference;
@@ -35,6 +35,7 @@ mod xydeas;
 
 use crate::types::metrics::SliceMetrics;
 pub use focus::DecisionMap;
+pub use focus_order::focus_prefers;
 pub use stack_quality::StackQuality;
 
 /// Version of each group of metrics. A change that alters values must change the version of its group.
@@ -107,6 +108,7 @@ pub fn finish(
         &quality,
         &diagnosis::Evidence {
             own: &alignment.own,
+            foreign: &alignment.foreign,
             steps: &coverage.steps,
             equalised: &equalised,
             reference: reference.map_or(0, |reference| reference.index),

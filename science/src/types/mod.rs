@@ -21,6 +21,7 @@ pub mod read_at;
 pub mod report;
 pub mod rig_parameters;
 pub mod stack_layout;
+pub mod text;
 pub mod text_or_number;
 pub mod view;
 pub mod warning_code;

@@ -94,6 +94,11 @@ pub struct ProfileInput {
     /// Radial lens distortion that stays with the sensor. The homographies are then between images without it.
     #[serde(default)]
     pub distortion: Option<Distortion>,
+    /// EXIF orientation of the slices that the homographies were measured in, 1 to 8 (1 without a tag). Homographies
+    /// belong to the sensor, so a stack of another orientation is refused. Null if it is unknown.
+    #[schema(minimum = 1, maximum = 8)]
+    #[serde(default)]
+    pub orientation: Option<u8>,
     /// Lateral colour of the lens. Fusion moves red and blue to where green is, unless a
     /// stack has the option `lateral_colour=keep`.
     #[serde(default)]
@@ -149,6 +154,9 @@ impl ProfileInput {
         }
         if count > 0 && self.reference_index as usize >= count {
             found.add("/reference_index", reference_beyond(self.reference_index as usize, count));
+        }
+        if let Some(orientation) = self.orientation.filter(|orientation| !(1..=8).contains(orientation)) {
+            found.add("/orientation", format!("orientation is {orientation}; it must be 1 to 8, or null if unknown"));
         }
         for (i, homography) in self.homographies.iter().enumerate() {
             if let Some(why) = homography.violation(self.image_width, self.image_height) {

@@ -136,6 +136,7 @@ impl RigParameters {
             note: self.note.clone(),
             distortion: None,
             lateral_colour: None,
+            orientation: None,
         };
         match profile.check() {
             Ok(()) => Ok(profile),

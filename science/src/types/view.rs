@@ -31,7 +31,7 @@ impl ViewAngles {
     }
 
     /// The angles that a name or path contains as `pan` and `tilt`, each followed by a number: `pan020p5_tilt-06.png`,
-    /// `tilt=6/pan=120`, `Tilt_06.5_Pan_120`. Case is ignored. Between word and number there may be one of `=`, `_` and
+    /// `tilt=6/pan=120`, `Tilt_06.5_Pan_120`, `pan022,5_tilt10`. Case is ignored. Between word and number there may be one of `=`, `_` and
     /// a blank. `None` unless both are given exactly once.
     pub fn of_name(name: &str) -> Option<Self> {
         let name = name.to_ascii_lowercase();
@@ -73,29 +73,31 @@ fn angle_after(name: &str, word: &str) -> Option<f64> {
     let mut found = name.match_indices(word).filter_map(|(at, _)| {
         let begins_a_word = !name[..at].ends_with(|c: char| c.is_ascii_alphabetic());
         let rest = &name[at + word.len()..];
-        begins_a_word.then(|| leading_number(rest.strip_prefix(['=', '_', ' ']).unwrap_or(rest))).flatten()
+        begins_a_word
+            .then(|| leading_number(rest.strip_prefix(['=', '_', ' ']).unwrap_or(rest)))
+            .flatten()
+            .map(|(angle, _)| angle)
     });
     let angle = found.next()?;
     found.next().is_none().then_some(angle)
 }
 
-/// The decimal number at the start of a text, with `.` or `p` as decimal point; at most 12 digits.
-fn leading_number(text: &str) -> Option<f64> {
-    let (sign, text) = match text.strip_prefix('-') {
-        Some(rest) => (-1.0, rest),
-        None => (1.0, text.strip_prefix('+').unwrap_or(text)),
-    };
-    let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
-    let whole = digits(text);
-    let fraction = text[whole..].strip_prefix(['.', 'p']).map_or(0, digits);
+/// The decimal number at the start of a text, and its length in bytes. The decimal point is `.`, `,` or `p`, between
+/// digits; at most 12 digits.
+pub(crate) fn leading_number(text: &str) -> Option<(f64, usize)> {
+    let signed = usize::from(text.starts_with(['-', '+']));
+    let digits = |from: usize| text.get(from..).map_or(0, |rest| rest.bytes().take_while(u8::is_ascii_digit).count());
+    let whole = digits(signed);
+    let point = signed + whole;
+    let fraction = if text[point..].starts_with(['.', ',', 'p']) { digits(point + 1) } else { 0 };
     if whole == 0 || whole + fraction > 12 {
         return None;
     }
-    let number = match fraction {
-        0 => text[..whole].to_owned(),
-        _ => format!("{}.{}", &text[..whole], &text[whole + 1..whole + 1 + fraction]),
+    let (end, written) = match fraction {
+        0 => (point, text[..point].to_owned()),
+        _ => (point + 1 + fraction, format!("{}.{}", &text[..point], &text[point + 1..point + 1 + fraction])),
     };
-    number.parse::<f64>().ok().map(|value| sign * value)
+    Some((written.parse().ok()?, end))
 }
 
 #[cfg(test)]
@@ -118,6 +120,8 @@ mod tests {
     fn angles_are_found_in_the_names_that_people_give() {
         assert_eq!(ViewAngles::of_name("tilt=-6/pan=120/img_3.jpg"), Some(view(120.0, -6.0)));
         assert_eq!(ViewAngles::of_name("Bee_Pan 7.5_Tilt_06"), Some(view(7.5, 6.0)));
+        assert_eq!(ViewAngles::of_name("pan022,5_tilt-7,5.png"), Some(view(22.5, -7.5)));
+        assert_eq!(ViewAngles::of_name("pan22,tilt7"), Some(view(22.0, 7.0)), "a comma that separates");
         assert_eq!(ViewAngles::of_name("span3_tilt4"), None, "pan must begin a word");
         assert_eq!(ViewAngles::of_name("panorama_tilt4"), None);
         assert_eq!(ViewAngles::of_name("pan1_pan2_tilt4"), None, "ambiguous");

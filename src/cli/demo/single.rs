@@ -14,6 +14,7 @@ use super::{
     sheet,
     truth::{Known, Score},
 };
+use crate::cli::output::{note, say};
 use pinstack_science::{
     imaging::{Raster, codec},
     synth::{DotTarget, Rig, Scene, Stage},
@@ -48,7 +49,7 @@ impl SingleDemo {
         let out = self.out;
         let data = out.join("data");
         std::fs::create_dir_all(&data).with_context(|| format!("cannot make the folder {}", data.display()))?;
-        eprintln!("rendering the dot target and the stack");
+        note("rendering the dot target and the stack");
         let (target_zip, stack_zip) = (out.join("target.zip"), out.join("stack.zip"));
         // no edge of the plate is in view, so only a code tells that no slice is off by a whole pitch
         let target = DotTarget { code: Some([0, 0]), ..DotTarget::for_rig(&rig, TARGET_COLUMNS) };
@@ -71,18 +72,18 @@ impl SingleDemo {
         let service = start_service(data).await?;
         let url = format!("http://{}", service.address());
         let client = Client::new(url.clone());
-        eprintln!("calibrating");
+        note("calibrating");
         let begin_calibration = Instant::now();
         let path = format!("/v1/profiles/{RIG}/{LENS}/calibrations?{optics}");
         let calibration = client.run_job(&path, &target_zip).await?;
         let calibrated = begin_calibration.elapsed();
-        eprintln!("fusing");
+        note("fusing");
         let begin_stack = Instant::now();
         let path = format!("/v1/stacks?rig={RIG}&lens={LENS}&label=demo&height=auto");
         let stack = client.run_job(&path, &stack_zip).await?;
         let fused = begin_stack.elapsed();
 
-        eprintln!("comparing with the truth");
+        note("comparing with the truth");
         let results = Results::fetch(&client, &calibration, &stack, known.rig.reference, &out).await?;
         let folder = out.clone();
         let score = tokio::task::spawn_blocking(move || -> Result<Score> {
@@ -92,15 +93,15 @@ impl SingleDemo {
         })
         .await??;
 
-        println!("{}", score.table());
-        println!(
+        say(score.table());
+        say(format!(
             "time        rendering {:.1} s, calibrating {:.1} s, fusing {:.1} s, in all {:.1} s",
             rendered.as_secs_f64(),
             calibrated.as_secs_f64(),
             fused.as_secs_f64(),
             begin.elapsed().as_secs_f64()
-        );
-        println!("results in  {}; open {} in a browser", out.display(), out.join(sheet::FILE).display());
+        ));
+        say(format!("results in  {}; open {} in a browser", out.display(), out.join(sheet::FILE).display()));
         if self.keep {
             print_calls(&url, &stack, &stack_zip);
             tokio::signal::ctrl_c().await?;
@@ -152,14 +153,14 @@ impl Results {
 
 fn print_calls(url: &str, stack: &Value, zip: &Path) {
     let id = stack["id"].as_str().unwrap_or_default();
-    println!("\nThe service is still running; Ctrl-C stops it. Try:\n");
-    println!("  curl {url}/v1/profiles/{RIG}/{LENS}");
-    println!("  curl {url}/v1/stacks/{id}");
-    println!("  curl {url}/v1/stacks/{id}/metrics");
-    println!("  curl -o image.tif -H 'Accept: image/tiff' {url}/v1/stacks/{id}/image");
-    println!(
-        "  curl -X POST -T {} -H 'Content-Type: application/zip' -H 'Prefer: wait=60' '{url}/v1/stacks?rig={RIG}&lens={LENS}&crop=valid'",
+    say("\nThe service is still running; Ctrl-C stops it. Try:\n");
+    say(format!("  curl {url}/v1/profiles/{RIG}/{LENS}"));
+    say(format!("  curl {url}/v1/stacks/{id}"));
+    say(format!("  curl {url}/v1/stacks/{id}/metrics"));
+    say(format!("  curl -o image.tif -H 'Accept: image/tiff' {url}/v1/stacks/{id}/image"));
+    say(format!(
+        "  curl -X POST -T {} -H 'Content-Type: application/zip' -H 'Prefer: wait=50' '{url}/v1/stacks?rig={RIG}&lens={LENS}&crop=valid'",
         zip.display()
-    );
-    println!("\nand in a browser: {url}/docs");
+    ));
+    say(format!("\nand in a browser: {url}/docs"));
 }

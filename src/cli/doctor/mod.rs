@@ -8,13 +8,11 @@ mod finding;
 mod machine;
 mod storage;
 
-use std::io::{self, Write};
-
 use anyhow::bail;
 use clap::Args;
 
 use self::finding::{Finding, Level};
-use super::store::Place;
+use super::{output::say, store::Place};
 use crate::settings::Settings;
 
 /// Check settings, data folder, disk, memory, open files, database, bucket, collector of traces, tokens and address of
@@ -40,7 +38,7 @@ impl Doctor {
             Ok(config) => findings(&config)?,
             Err(error) => vec![Finding::problem("settings", format!("{error:#}"))],
         };
-        print(&findings, json)?;
+        say(if json { serde_json::to_string_pretty(&findings)? } else { lines(&findings).trim_end().to_owned() });
         let problems = findings.iter().filter(|finding| finding.level == Level::Problem).count();
         if problems > 0 {
             bail!("{problems} of {} checks found a problem", findings.len());
@@ -65,15 +63,6 @@ fn findings(config: &Settings) -> anyhow::Result<Vec<Finding>> {
         findings.extend(database::tokens(config, rows));
         Ok(findings)
     })
-}
-
-fn print(findings: &[Finding], json: bool) -> anyhow::Result<()> {
-    let text = if json { serde_json::to_string_pretty(findings)? + "\n" } else { lines(findings) };
-    match io::stdout().write_all(text.as_bytes()) {
-        // the reader has seen enough, such as `head`
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        written => Ok(written?),
-    }
 }
 
 fn lines(findings: &[Finding]) -> String {

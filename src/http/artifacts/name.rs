@@ -24,6 +24,7 @@ use crate::{
     },
     store::Job,
 };
+use pinstack_science::types::text::composed;
 
 /// Characters that RFC 8187 allows unencoded in `filename*`.
 const ATTR_CHAR: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~');
@@ -82,8 +83,11 @@ pub fn of_upload(job: &Job) -> String {
 
 /// Replaces characters that file systems, shells or photogrammetry tools do not accept: spaces, separators, quotes.
 fn tidy(text: &str) -> String {
-    let replaced: String =
-        text.chars().take(MAX_STEM).map(|c| if c.is_alphanumeric() || "._-+".contains(c) { c } else { '_' }).collect();
+    let replaced: String = composed(text)
+        .chars()
+        .take(MAX_STEM)
+        .map(|c| if c.is_alphanumeric() || "._-+".contains(c) { c } else { '_' })
+        .collect();
     replaced.trim_matches(['.', '_']).to_owned()
 }
 

@@ -41,7 +41,7 @@ pub struct CalibrationForm {
         ("rig" = String, Path, description = "Name of the rig"),
         ("lens" = String, Path, description = "Name of the lens"),
         ("Idempotency-Key" = Option<String>, Header, description = "A request that repeats an earlier one with the same key gets the calibration of the first"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 60) for the job to end"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 50) for the job to end"),
     ),
     request_body(description = "The zip, as the whole body or in a form", content(
         (Vec<u8> = "application/zip"),

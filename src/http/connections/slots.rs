@@ -183,6 +183,19 @@ impl Seat {
         nearest.filter(|_| self.slots.is_trusted(self.peer)).unwrap_or(self.peer)
     }
 
+    /// The sub-path that a trusted proxy removes from the URLs, without a slash at its end. It is a path and nothing
+    /// else, whatever the header says: its segments have letters, digits, `-`, `.`, `_` and `~` only.
+    pub fn prefix(&self, headers: &HeaderMap) -> Option<Arc<str>> {
+        let forwarded = headers.get_all("x-forwarded-prefix").iter().next_back()?.to_str().ok()?;
+        let prefix = forwarded.trim().trim_end_matches('/');
+        let is_segment = |segment: &str| {
+            let is_safe = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~".contains(&byte);
+            !["", ".", ".."].contains(&segment) && segment.bytes().all(is_safe)
+        };
+        let is_path = prefix.strip_prefix('/').is_some_and(|path| path.split('/').all(is_segment));
+        (is_path && self.slots.is_trusted(self.peer)).then(|| prefix.into())
+    }
+
     /// Whether a trusted proxy reports that the client uses TLS.
     pub fn is_behind_tls(&self, headers: &HeaderMap) -> bool {
         let scheme = headers.get("x-forwarded-proto").and_then(|scheme| scheme.to_str().ok());

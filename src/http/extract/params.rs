@@ -1,7 +1,10 @@
 //! Query parameters as typed values: deserialises the text of a URL into any struct, with errors that name the
 //! parameter.
 
-use axum::{extract::Query, http::Uri};
+use std::borrow::Cow;
+
+use axum::http::Uri;
+use percent_encoding::percent_decode_str;
 use serde::{
     Deserialize, Deserializer,
     de::{
@@ -31,12 +34,8 @@ pub fn pairs(uri: &Uri) -> Result<Vec<(String, String)>, ApiError> {
         let detail = format!("the URL has more than {MAX_PARAMETERS} query parameters; omit those that are not needed");
         return Err(ApiError::new(Code::InvalidRequest, detail));
     }
-    let Ok(Query(pairs)) = Query::<Vec<(String, String)>>::try_from_uri(uri) else {
-        return Err(ApiError::new(
-            Code::InvalidRequest,
-            "the query string is not valid: write names and values as percent-encoded UTF-8",
-        ));
-    };
+    let written = uri.query().unwrap_or_default().split('&').filter(|pair| !pair.is_empty());
+    let pairs: Vec<_> = written.map(decoded).collect::<Result<_, _>>()?;
     for (i, (name, _)) in pairs.iter().enumerate() {
         if pairs.iter().take(i).any(|(earlier, _)| earlier == name) {
             let name: String = name.chars().take(80).collect();
@@ -45,6 +44,21 @@ pub fn pairs(uri: &Uri) -> Result<Vec<(String, String)>, ApiError> {
         }
     }
     Ok(pairs)
+}
+
+/// The name and the value of a parameter, which the URL has as percent-encoded UTF-8 with `+` for a blank.
+fn decoded(pair: &str) -> Result<(String, String), ApiError> {
+    let (name, value) = pair.split_once('=').unwrap_or((pair, ""));
+    let text = |part: &str| percent_decode_str(&part.replace('+', " ")).decode_utf8().map(Cow::into_owned);
+    let (Ok(name), Ok(value)) = (text(name), text(value)) else {
+        let name: String = name.chars().take(80).collect();
+        let detail = format!(
+            "the parameter '{name}' is not UTF-8; write names and values of parameters as percent-encoded UTF-8"
+        );
+        let place = ErrorLocation { detail: detail.clone(), pointer: Some(name), ..ErrorLocation::default() };
+        return Err(Fault::new(Code::InvalidRequest, detail).at(place).into());
+    };
+    Ok((name, value))
 }
 
 /// Removes a parameter from the list and returns it.

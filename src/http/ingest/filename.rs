@@ -1,25 +1,45 @@
 //! The file name that a client gave its zip. It is shown and used in the names of results, never as a path.
 
+use std::borrow::Cow;
+
 use axum::http::{HeaderMap, header};
 use percent_encoding::percent_decode_str;
+
+use crate::{
+    contract::Code,
+    http::{ApiError, ApiResult},
+};
 
 /// Longest name that is kept, in characters.
 const MAX_CHARS: usize = 200;
 
-/// The file name in the `Content-Disposition` of a request (RFC 6266).
-pub fn of_request(headers: &HeaderMap) -> Option<String> {
-    let value = headers.get(header::CONTENT_DISPOSITION)?;
-    let text = String::from_utf8_lossy(value.as_bytes());
-    let parameters = parameters(&text);
+/// The file name in the `Content-Disposition` of a request or of a part of a form (RFC 6266).
+///
+/// # Errors
+/// `invalid_request` for a name that is not UTF-8.
+pub fn of_headers(headers: &HeaderMap) -> ApiResult<Option<String>> {
+    let Some(value) = headers.get(header::CONTENT_DISPOSITION) else { return Ok(None) };
+    let text = str::from_utf8(value.as_bytes()).map_err(|_| not_utf8("filename"))?;
+    let parameters = parameters(text);
     let parameter = |wanted: &str| {
         let found = parameters.iter().find(|(name, _)| name.eq_ignore_ascii_case(wanted));
         found.map(|(_, value)| value.clone())
     };
     let extended = parameter("filename*").and_then(|value| {
-        let encoded = value.splitn(3, '\'').nth(2)?.to_owned();
-        Some(percent_decode_str(&encoded).decode_utf8_lossy().into_owned())
+        let mut parts = value.splitn(3, '\'');
+        let (charset, encoded) = (parts.next().unwrap_or_default(), parts.nth(1)?);
+        let is_utf8 = charset.eq_ignore_ascii_case("utf-8") || (encoded.is_ascii() && !encoded.contains('%'));
+        let name = percent_decode_str(encoded).decode_utf8().ok().filter(|_| is_utf8);
+        Some(name.ok_or_else(|| not_utf8("filename*")).map(Cow::into_owned))
     });
-    tidy(&extended.or_else(|| parameter("filename"))?)
+    Ok(extended.transpose()?.or_else(|| parameter("filename")).and_then(|name| tidy(&name)))
+}
+
+fn not_utf8(parameter: &str) -> ApiError {
+    let detail = format!(
+        "{parameter} in Content-Disposition is not UTF-8; write it like filename*=UTF-8''K%C3%A4fer.zip, or omit it"
+    );
+    ApiError::new(Code::InvalidRequest, detail)
 }
 
 /// The parameters after the first part of a header, as names and values.
@@ -74,7 +94,28 @@ mod tests {
     use axum::http::HeaderValue;
 
     fn named(value: &'static str) -> Option<String> {
-        of_request(&HeaderMap::from_iter([(header::CONTENT_DISPOSITION, HeaderValue::from_static(value))]))
+        of_bytes(value.as_bytes()).expect(value)
+    }
+
+    fn of_bytes(value: &[u8]) -> Result<Option<String>, String> {
+        let value = HeaderValue::from_bytes(value).expect("a header");
+        let named = of_headers(&HeaderMap::from_iter([(header::CONTENT_DISPOSITION, value)]));
+        named.map_err(|error| error.fault().detail.clone())
+    }
+
+    #[test]
+    fn a_name_that_is_not_utf8_is_refused_with_its_parameter() {
+        for (value, parameter) in [
+            (&b"attachment; filename*=UTF-8''K%E4fer.zip"[..], "filename* "),
+            (b"attachment; filename=a.zip; filename*=UTF-8''K%E4fer.zip", "filename* "),
+            (b"attachment; filename*=ISO-8859-1''K%E4fer.zip", "filename* "),
+            (b"attachment; filename*=ISO-8859-1''K%C3%A4fer.zip", "filename* "),
+            (b"attachment; filename=\"K\xe4fer.zip\"", "filename "),
+        ] {
+            let detail = of_bytes(value).expect_err(parameter);
+            assert!(detail.starts_with(parameter) && detail.contains("not UTF-8"), "{detail}");
+        }
+        assert_eq!(named("form-data; filename*=iso-8859-1'en'bee.zip").as_deref(), Some("bee.zip"));
     }
 
     #[test]

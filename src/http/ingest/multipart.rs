@@ -78,7 +78,7 @@ pub(super) async fn receive<S: Receivable>(
             if fields.name_profile() {
                 S::read(app, caller, target, &fields).await?;
             }
-            let filename = part.file_name().and_then(filename::tidy);
+            let filename = filename::of_headers(part.headers())?;
             let data = part.inspect_ok(|chunk| body.data_came(chunk.len() as u64));
             file = Some(spool(app, data, reservation, filename, |e| broken(&body, &e)).await?);
         } else if name == "options" {

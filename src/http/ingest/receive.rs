@@ -72,7 +72,7 @@ async fn receive<S: Receivable>(
     let submission = S::read(app, caller, target, &fields).await?;
     let reservation = admit(request, max_body, submission.disk_need(announced)).await?;
     let end_reason = body.end_reason();
-    let zip = spool(app, body, reservation, filename::of_request(headers), |EndedEarly| end_reason.error()).await?;
+    let zip = spool(app, body, reservation, filename::of_headers(headers)?, |EndedEarly| end_reason.error()).await?;
     Ok((submission, zip))
 }
 

@@ -62,7 +62,7 @@ fn require_own_page(policy: &Policy, request: &Request, host: Option<Authority>)
     if let Some(foreign) = [&host, &named].into_iter().flatten().find(|host| !is_own_name(policy, host.host())) {
         let detail = format!(
             "the request is for the host '{}', which is not a name of this service; use its address, or add the name to the \
-             setting 'hosts' (PINSTACK_HOSTS)",
+             setting 'hosts' (PINSTACK_HOSTS); a proxy in between must pass on the header Host of the client",
             one_line(foreign.host())
         );
         return Err(ApiError::new(Code::MisdirectedRequest, detail));
@@ -110,15 +110,14 @@ fn require_own_origin(
     if origin.as_ref().is_some_and(|origin| policy.cors_origins.iter().any(|allowed| allowed == origin)) {
         return Ok(());
     }
-    let is_foreign_site =
-        headers.get(&SEC_FETCH_SITE).is_some_and(|site| !["same-origin", "none"].iter().any(|own| site == own));
-    if !is_foreign_site && origin.as_ref().is_none_or(|origin| is_at(origin, host)) {
+    if !is_of_foreign_site(headers) && origin.as_ref().is_none_or(|origin| is_at(origin, host)) {
         return Ok(());
     }
     let detail = format!(
         "the request comes from {}; while the service requires no token, it accepts changes only from its own pages and from \
-         programs that are not browsers; to allow an origin, add it to the setting 'cors_origins'",
-        sender(origin.as_deref())
+         programs that are not browsers; {}to allow an origin, add it to the setting 'cors_origins'",
+        sender(origin.as_deref()),
+        if_a_proxy_changed(headers, host)
     );
     Err(ApiError::new(Code::CrossOriginRequest, detail))
 }
@@ -129,20 +128,53 @@ fn is_at(origin: &str, host: Option<&Authority>) -> bool {
     place.zip(host).is_some_and(|(place, host)| place.eq_ignore_ascii_case(host.as_str()))
 }
 
+/// Whether a browser says that a page of another site sent the request.
+fn is_of_foreign_site(headers: &HeaderMap) -> bool {
+    headers.get(&SEC_FETCH_SITE).is_some_and(|site| !["same-origin", "none"].iter().any(|own| site == own))
+}
+
+/// What to do if the page is one of the service, and only looks foreign because a proxy changed `Host`. Empty if it
+/// cannot be one.
+fn if_a_proxy_changed(headers: &HeaderMap, host: Option<&Authority>) -> String {
+    let may_be_own = headers.get(header::ORIGIN).is_some_and(|origin| origin != "null") && !is_of_foreign_site(headers);
+    let Some(host) = host.filter(|_| may_be_own) else { return String::new() };
+    format!(
+        "if that is an address of this service, a proxy has changed the header Host to '{}': let the proxy pass on the \
+         Host of the client (nginx: proxy_set_header Host $http_host; Apache: ProxyPreserveHost On); ",
+        one_line(host.as_str())
+    )
+}
+
+/// The refusal of a change that a page of another origin sent with the cookie of a person.
+pub fn foreign_page(request: &Parts) -> ApiError {
+    let origin = request.headers.get(header::ORIGIN).and_then(|origin| origin.to_str().ok());
+    let detail = format!(
+        "the request comes from {}; a browser that is signed in may change things only from the pages of this service; \
+         {}other programs send the token in the header Authorization",
+        sender(origin),
+        if_a_proxy_changed(&request.headers, named_host(request).as_ref())
+    );
+    ApiError::new(Code::CrossOriginRequest, detail)
+}
+
+/// The host that a request names.
+fn named_host(request: &Parts) -> Option<Authority> {
+    let host = request.headers.get(header::HOST).and_then(|host| Authority::try_from(host.as_bytes()).ok());
+    request.uri.authority().cloned().or(host)
+}
+
 /// Whether a browser says that one of the service's own pages sent the request: by `Sec-Fetch-Site`, or where the
 /// connection is not secure and browsers omit that header, by `Origin`.
 pub fn is_of_own_page(request: &Parts) -> bool {
     if let Some(site) = request.headers.get(&SEC_FETCH_SITE) {
         return site == "same-origin";
     }
-    let host = request.headers.get(header::HOST).and_then(|host| Authority::try_from(host.as_bytes()).ok());
-    let host = request.uri.authority().cloned().or(host);
     let origin = request.headers.get(header::ORIGIN).and_then(|origin| origin.to_str().ok());
-    origin.is_some_and(|origin| is_at(origin, host.as_ref()))
+    origin.is_some_and(|origin| is_at(origin, named_host(request).as_ref()))
 }
 
 /// The page that sent a request, for an error message.
-pub fn sender(origin: Option<&str>) -> String {
+fn sender(origin: Option<&str>) -> String {
     match origin {
         None => "a page of another site".to_owned(),
         Some("null") => "a page without an origin (Origin: null), such as a local file or a sandboxed frame".to_owned(),

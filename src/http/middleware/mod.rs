@@ -5,6 +5,7 @@ pub mod browser;
 pub mod cors;
 pub mod method;
 pub mod observe;
+pub mod prefix;
 pub mod problems;
 pub mod request_id;
 pub mod security;

@@ -16,6 +16,7 @@ use crate::{
         problem::{ApiError, code_of, problem, render},
         problem_types::INTERNAL,
     },
+    supervision,
 };
 
 /// The layer: fills in `instance`, and turns bare error answers into problem documents.
@@ -38,7 +39,7 @@ pub async fn complete(request: Request, next: Next) -> Response {
             Problem { status: status.as_u16(), ..bare }
         }
     };
-    problem_document.instance = Some(instance);
+    problem_document.instance = Some(link!("{instance}"));
     let mut complete = render(problem_document);
     for (name, value) in response.headers() {
         if ![header::CONTENT_TYPE, header::CONTENT_LENGTH].contains(name) {
@@ -50,12 +51,7 @@ pub async fn complete(request: Request, next: Next) -> Response {
 
 /// The answer to a panic; its message goes to the log.
 pub fn from_panic(panic: Box<dyn Any + Send + 'static>) -> Response {
-    let message = panic
-        .downcast_ref::<String>()
-        .map(String::as_str)
-        .or_else(|| panic.downcast_ref::<&str>().copied())
-        .unwrap_or("a panic without a message");
-    ApiError::internal(format!("panic: {message}")).into_response()
+    ApiError::internal(format!("panic: {}", supervision::message(&*panic))).into_response()
 }
 
 fn is_json(response: &Response) -> bool {

@@ -38,7 +38,7 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
 
 /// URL of an asset.
 pub fn url(name: &str) -> String {
-    format!("/web/{}/{name}", *VERSION)
+    link!("/web/{}/{name}", *VERSION)
 }
 
 /// The endpoint.

@@ -36,7 +36,7 @@ pub async fn for_people(request: Request, next: Next) -> Response {
     let Some(problem) = response.extensions().get::<Problem>().cloned() else { return response };
     if problem.code == Code::Unauthorized && is_read {
         let next = utf8_percent_encode(&there, NON_ALPHANUMERIC);
-        let mut redirect = Redirect::to(&format!("/sign-in?next={next}")).into_response();
+        let mut redirect = Redirect::to(&link!("/sign-in?next={next}")).into_response();
         redirect.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
         return redirect;
     }
@@ -53,7 +53,7 @@ fn page(problem: &Problem, refused: &Response) -> Response {
     let mut response = frame.answer(html! {
         h1 { (problem.title) }
         p.lead { (sentence(&problem.detail)) "." }
-        p { a href="/" { "Go to the stacks" } " · " a href="/sign-in" { "Sign in with another token" } }
+        p { a href=(link!("/")) { "Go to the stacks" } " · " a href=(link!("/sign-in")) { "Sign in with another token" } }
         p.soft { "Code: " code { (problem.code.name()) } }
     });
     *response.status_mut() = refused.status();

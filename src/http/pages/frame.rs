@@ -102,7 +102,7 @@ impl Frame<'_> {
                 body {
                     a.skip href="#content" { "Skip to the content" }
                     header.top {
-                        a.brand href="/" { img src=(assets::url("icon.svg")) alt="" width="24" height="24"; "pinstack" }
+                        a.brand href=(link!("/")) { img src=(assets::url("icon.svg")) alt="" width="24" height="24"; "pinstack" }
                         @if let Some(user) = self.user {
                             (self.navigation(user))
                         }
@@ -116,11 +116,11 @@ impl Frame<'_> {
 
     fn navigation(&self, user: &PageUser) -> Markup {
         let places = [
-            (Place::Stacks, "/", "Stacks", true),
-            (Place::Send, "/send", "Send", user.stacks || user.profiles),
-            (Place::Scans, "/scans", "Scans", true),
-            (Place::Profiles, "/profiles", "Profiles", true),
-            (Place::Plan, "/plan", "Plan", true),
+            (Place::Stacks, link!("/"), "Stacks", true),
+            (Place::Send, link!("/send"), "Send", user.stacks || user.profiles),
+            (Place::Scans, link!("/scans"), "Scans", true),
+            (Place::Profiles, link!("/profiles"), "Profiles", true),
+            (Place::Plan, link!("/plan"), "Plan", true),
         ];
         html! {
             nav aria-label="Main" {
@@ -131,11 +131,11 @@ impl Frame<'_> {
                 }
             }
             div.who {
-                a href="/guide" { "Guide" }
-                a href="/docs/" { "API" }
+                a href=(link!("/guide")) { "Guide" }
+                a href=(link!("/docs/")) { "API" }
                 @if let Some(name) = &user.name {
                     span title="The token with which you are signed in" { (text(name)) }
-                    form method="post" action="/sign-out" { button.quiet type="submit" { "Sign out" } }
+                    form method="post" action=(link!("/sign-out")) { button.quiet type="submit" { "Sign out" } }
                 }
             }
         }

@@ -67,7 +67,7 @@ fn planned(pairs: &[(String, String)]) -> Result<(CapturePlan, TargetAdvice), St
 fn form(pairs: &[(String, String)]) -> Markup {
     let given = |name: &str| pairs.iter().find(|(given, _)| given == name).map(|(_, value)| value.as_str());
     html! {
-        form.filters method="get" action="/plan" {
+        form.filters method="get" action=(link!("/plan")) {
             div.fields {
                 @for (name, label, suggested, is_needed) in FIELDS {
                     div.short {
@@ -98,6 +98,9 @@ fn answer(plan: &CapturePlan) -> Markup {
             dl.facts {
                 dt { "Travel of the rail" } dd { (format!("{:.3}", plan.travel_mm)) " mm" }
                 dt { "Depth of field" } dd { (format!("{:.4}", plan.depth_of_field_mm.total)) " mm" }
+                @if let Some(contrast) = plan.contrast_between_slices {
+                    dt { "Contrast between slices" } dd { (format!("{:.0}", 100.0 * contrast)) " % of that in focus, in fine detail (half the Nyquist frequency)" }
+                }
                 dt { "Distance to the object" } dd { (format!("{:.2}", plan.object_distance_mm)) " mm from the lens" }
                 @if let Some([width, height]) = plan.field_of_view_mm { dt { "Field of view" } dd { (format!("{width:.2} × {height:.2}")) " mm" } }
                 dt { "Effective f-number" } dd { (format!("{:.1}", plan.effective_f_number)) }
@@ -144,7 +147,7 @@ fn print() -> Markup {
             p.soft { "Print it at 100 %. On A4 and Letter, measure the line below the dots; on paper as large as the \
                 target, which has no line, measure the distance between the first and the last dot of a row: (columns - \
                 1) pitches." }
-            form.filters method="get" action="/v1/targets/dots" {
+            form.filters method="get" action=(link!("/v1/targets/dots")) {
                 div.fields {
                     @for (name, label, value) in fields {
                         div.short {

@@ -39,7 +39,8 @@ pub fn page(report: &PoseReport) -> String {
         let value = escape(&value.replace("+-", "±"));
         out.push_str(&format!("<dt>{}</dt><dd>{value}</dd>\n", escape(&sentence(&name))));
     }
-    out.push_str("</dl>\n<div class=\"charts\">\n");
+    let not_checked = escape(&sentence(&report.not_checked));
+    out.push_str(&format!("</dl>\n<p>{not_checked}</p>\n<div class=\"charts\">\n"));
     out.push_str(&sphere(report));
     out.push_str(&radial(report));
     out.push_str("</div>\n<h2>Views</h2>\n");

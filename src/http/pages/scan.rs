@@ -63,16 +63,16 @@ pub async fn page(
     Ok(frame.answer(html! {
         div.head {
             div {
-                p.crumbs { a href="/scans" { "Scans" } }
+                p.crumbs { a href=(link!("/scans")) { "Scans" } }
                 h1 { (name) }
                 p.soft {
-                    a href={ "/profiles/" (input.rig) "/" (input.lens) } { (input.rig) " · " (input.lens) }
+                    a href=(link!("/profiles/{}/{}", input.rig, input.lens)) { (input.rig) " · " (input.lens) }
                     @for words in [&input.specimen, &input.taxon, &input.operator, &input.note].into_iter().flatten() { " · " (text(words)) }
                 }
             }
             @if user.stacks {
                 div.buttons {
-                    a.button.main href={ "/send?purpose=scan&scan=" (name) "&rig=" (input.rig) "&lens=" (input.lens) } { "Send more views" }
+                    a.button.main href=(link!("/send?purpose=scan&scan={}&rig={}&lens={}", name, input.rig, input.lens)) { "Send more views" }
                     button type="button" id="rerun" disabled[scan.views.is_empty()] { "Fuse all again" }
                     button.danger type="button" id="delete" { "Delete" }
                 }
@@ -115,8 +115,8 @@ fn live(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
     }
 }
 
-fn stack_page(view: &ScanView) -> &str {
-    view.stack.strip_prefix("/v1").unwrap_or(&view.stack)
+fn stack_page(view: &ScanView) -> String {
+    link!("/stacks/{}", view.stack.rsplit('/').next().unwrap_or_default())
 }
 
 fn thousandths(angle: f64) -> i64 {
@@ -252,7 +252,8 @@ fn files(scan: &ScanWithViews) -> Markup {
                     }
                 }
             } @else { p { "There are no results yet." } }
-            p { a href=(scan.links.views_csv) download { "Table of views as CSV" } }
+            // a person opens it with a spreadsheet
+            p { a href={ (scan.links.views_csv) "?bom=true" } download { "Table of views as CSV" } }
         }
     }
 }

@@ -31,7 +31,7 @@ pub async fn page(State(app): State<App>, caller: Caller, user: PageUser, uri: U
     Ok(frame.answer(html! {
         div.head {
             div { h1 { "Scans" } p.soft { "A scan is many views of one object, taken with one rig and lens." } }
-            @if user.stacks { a.button.main href="/send" { "Send a scan" } }
+            @if user.stacks { a.button.main href=(link!("/send")) { "Send a scan" } }
         }
         @if page.items.is_empty() {
             div.empty {
@@ -47,7 +47,7 @@ pub async fn page(State(app): State<App>, caller: Caller, user: PageUser, uri: U
                     tbody {
                         @for scan in &page.items {
                             tr {
-                                td.l { a href={ "/scans/" (scan.name) } { (scan.name) } }
+                                td.l { a href=(link!("/scans/{}", scan.name)) { (scan.name) } }
                                 td.l { (text(scan.input.specimen.as_deref().or(scan.input.taxon.as_deref()).unwrap_or("–"))) }
                                 td.l { (scan.input.rig) } td.l { (scan.input.lens) }
                                 td.l { @if let Some(views) = scan.input.expected_views { (views) " expected" } @else { "–" } }
@@ -58,6 +58,6 @@ pub async fn page(State(app): State<App>, caller: Caller, user: PageUser, uri: U
                 }
             }
         }
-        (pager("/scans", &[], is_first, page.next_cursor.as_deref()))
+        (pager(&link!("/scans"), &[], is_first, page.next_cursor.as_deref()))
     }))
 }

@@ -29,7 +29,7 @@ pub async fn form(State(app): State<App>, uri: Uri) -> ApiResult<Response> {
     let mut pairs = params::pairs(&uri)?;
     let next = destination(params::take(&mut pairs, "next").as_deref());
     if !app.requires_token().await? {
-        return Ok(Redirect::to(&next).into_response());
+        return Ok(Redirect::to(&link!("{next}")).into_response());
     }
     Ok(shown(&next, None))
 }
@@ -65,7 +65,7 @@ pub async fn sign_out(request: Request) -> ApiResult<Response> {
 }
 
 fn with_cookies(request: &Parts, token: &str, next: &str) -> Response {
-    let mut response = Redirect::to(next).into_response();
+    let mut response = Redirect::to(&link!("{next}")).into_response();
     for cookie in session::cookies(request, token) {
         response.headers_mut().append(header::SET_COOKIE, cookie);
     }
@@ -78,7 +78,7 @@ async fn fields(body: Body) -> ApiResult<Vec<(String, String)>> {
     let body = to_bytes(body, MAX_FORM).await.map_err(|_| refused())?;
     let text = str::from_utf8(&body).map_err(|_| refused())?;
     // a form is written like the query of a URL
-    let uri: Uri = format!("/?{text}").parse().map_err(|_| refused())?;
+    let uri: Uri = ["/?", text].concat().parse().map_err(|_| refused())?;
     params::pairs(&uri)
 }
 
@@ -98,7 +98,7 @@ fn shown(next: &str, error: Option<&str>) -> Response {
 
 fn content(next: &str, error: Option<&str>) -> Markup {
     html! {
-        form.narrow method="post" action="/sign-in" {
+        form.narrow method="post" action=(link!("/sign-in")) {
             h1 { "Sign in" }
             p { "This service asks for an access token. The operator of the server makes one with "
                 code { "pinstack token add" } "." }
@@ -108,7 +108,7 @@ fn content(next: &str, error: Option<&str>) -> Markup {
                 spellcheck="false" aria-describedby=[error.map(|_| "token-error")];
             input type="hidden" name="next" value=(next);
             button.main type="submit" { "Sign in" }
-            p.soft { "The browser keeps the token until it is closed. " a href="/docs/" { "Documentation of the API" } }
+            p.soft { "The browser keeps the token until it is closed. " a href=(link!("/docs/")) { "Documentation of the API" } }
         }
     }
 }

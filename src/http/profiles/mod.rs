@@ -62,7 +62,7 @@ impl Numbered for ProfileKey {
     }
 
     fn url(&self) -> String {
-        format!("/v1/profiles/{}/{}", self.rig, self.lens)
+        link!("/v1/profiles/{}/{}", self.rig, self.lens)
     }
 
     async fn current(&self, app: &App) -> ApiResult<Option<u32>> {

@@ -2,15 +2,17 @@
 
 use axum::{
     extract::State,
-    http::{HeaderValue, header},
+    http::{HeaderValue, Uri, header},
     response::{IntoResponse, Response},
 };
+use serde::Deserialize;
 
 use super::{ScanName, find, table::views};
 use crate::http::{
     ApiResult, App,
     artifacts::name::attachment,
     auth::Caller,
+    extract::params,
     views::{ScanWithViews, scan::ScanView},
 };
 
@@ -38,6 +40,14 @@ const COLUMNS: [Column; 17] = [
     ("outliers", |view| view.outliers.iter().map(|o| o.detail.as_str()).collect::<Vec<_>>().join(" ")),
 ];
 
+/// How the table is written. A byte order mark is for a spreadsheet only: programs read it as part of the first name.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CsvParameters {
+    #[serde(default)]
+    bom: bool,
+}
+
 /// Get the views of a scan as CSV
 ///
 /// One row per view with its state, metrics and outliers, as `GET /v1/scans/{scan}` shows them (RFC 4180, UTF-8,
@@ -47,18 +57,24 @@ const COLUMNS: [Column; 17] = [
     path = "/v1/scans/{scan}/views.csv",
     operation_id = "get_scan_views_csv",
     tag = "scans",
-    params(("scan" = String, Path, description = "Name of the scan")),
+    params(
+        ("scan" = String, Path, description = "Name of the scan"),
+        ("bom" = Option<bool>, Query, description = "Begin with a byte order mark, without which Excel does not read \
+            the file as UTF-8; default false"),
+    ),
     responses(
         (status = 200, description = "The table", body = String, content_type = "text/csv"),
-        (status = 400, description = "`invalid_request`: an invalid name"),
+        (status = 400, description = "`invalid_request`: an invalid name or parameter"),
         (status = 404, description = "`scan_not_found`"),
     )
 )]
-pub async fn csv(State(app): State<App>, caller: Caller, ScanName(name): ScanName) -> ApiResult<Response> {
+pub async fn csv(State(app): State<App>, caller: Caller, ScanName(name): ScanName, uri: Uri) -> ApiResult<Response> {
+    let CsvParameters { bom } = params::from_uri(&uri)?;
     let scan = find(&app, &caller, &name).await?;
     let views = views(&app, &caller, &name).await?;
     let scan = ScanWithViews::tabulated(scan, views).await?;
-    let mut text = line(COLUMNS.iter().map(|(name, _)| (*name).to_owned()));
+    let mut text = if bom { "\u{feff}".to_owned() } else { String::new() };
+    text += &line(COLUMNS.iter().map(|(name, _)| (*name).to_owned()));
     for view in &scan.views {
         text.push_str(&line(COLUMNS.iter().map(|(_, write)| write(view))));
     }

@@ -14,6 +14,7 @@ pub mod list;
 pub mod poses;
 pub mod put;
 pub mod rerun;
+pub mod same_pictures;
 pub mod stored_zip;
 pub mod table;
 
@@ -118,5 +119,5 @@ fn has_stacks(name: &Name, stacks: u64, what: &str) -> ApiError {
 
 /// URL of a scan.
 pub fn url(name: &Name) -> String {
-    format!("/v1/scans/{name}")
+    link!("/v1/scans/{name}")
 }

@@ -20,12 +20,12 @@ use crate::{
         request::JobRequest,
         scan::MAX_VIEWS,
     },
-    http::{ApiResult, App, auth::Caller},
+    http::{ApiResult, App, auth::Caller, scans::same_pictures},
     store::{Job, JobFilter, Page, PageRequest},
 };
 use pinstack_science::{
     photogrammetry::outliers::ViewMeasurements,
-    types::{Warning, metrics::Metrics, view::ViewAngles},
+    types::{Warning, metrics::Metrics, text::composed, view::ViewAngles},
 };
 
 /// Stacks of a scan that are read; those beyond are older repetitions.
@@ -76,6 +76,8 @@ pub struct ViewStack {
     pub slice_size: [u32; 2],
     /// The zip was removed.
     pub upload_removed: bool,
+    /// What stacks of the same pictures have in common; see [`same_pictures`].
+    pub pictures: Vec<String>,
     /// The stack whose upload this one shares: of a rerun, the stack that was sent.
     origin: Uuid,
     /// Results, once it has succeeded.
@@ -128,8 +130,10 @@ impl View {
 impl ViewStack {
     fn of(job: Job) -> Option<Self> {
         let JobRequest::Stack(request) = job.request else { return None };
+        let mut pictures = vec![request.upload.sha256];
         let result = match job.outcome {
             Some(JobOutcome::Stack(outcome)) => {
+                pictures.extend(same_pictures::of_slices(&outcome.metrics.slices));
                 let artifact = |of: StackArtifact| of.among(&outcome.artifacts).cloned();
                 let (image, mask) = (artifact(StackArtifact::Image), artifact(StackArtifact::Mask));
                 let metrics = Metrics { slices: Vec::new(), ..outcome.metrics };
@@ -152,6 +156,7 @@ impl ViewStack {
             profile_digest: request.profile_digest,
             slice_size: [request.layout.width, request.layout.height],
             upload_removed: job.upload_removed,
+            pictures,
             origin: request.rerun_of.unwrap_or(job.id),
             result,
         })
@@ -162,7 +167,7 @@ impl ViewStack {
         match (&self.label, self.pan_deg, self.tilt_deg) {
             (None, None, None) => ViewKey::Unnamed(self.origin),
             (label, pan, tilt) => {
-                ViewKey::Named { label: label.clone(), pan: pan.map(rounded), tilt: tilt.map(rounded) }
+                ViewKey::Named { label: label.as_deref().map(composed), pan: pan.map(rounded), tilt: tilt.map(rounded) }
             }
         }
     }
@@ -325,9 +330,9 @@ fn name_apart(views: &mut [View]) {
 const MAX_STEM: usize = 100;
 
 /// Replaces the characters that file systems, shells or reconstruction programs do not accept. Programs end the name of
-/// an image at its first dot, so there is none.
+/// an image at its first dot, so there is none. Both normal forms of a text give one name.
 fn tidy(text: &str) -> String {
-    let replaced: String = text
+    let replaced: String = composed(text)
         .chars()
         .take(MAX_STEM)
         .map(|c| if c.is_ascii_alphanumeric() || "_-+".contains(c) { c } else { '_' })

@@ -54,7 +54,7 @@ pub struct StackForm {
         ("rig" = Option<String>, Query, description = "Rig of the profile. Required for a bare zip. For a form, give it here or as the part `rig`, not both", example = "turntable-1"),
         ("lens" = Option<String>, Query, description = "Lens of the profile. Required for a bare zip. For a form, give it here or as the part `lens`, not both", example = "mpe65-2x"),
         ("Idempotency-Key" = Option<String>, Header, description = "A request that repeats an earlier one with the same key gets the stack of the first"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 60) for the job to end", example = "wait=30"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 50) for the job to end", example = "wait=30"),
     ),
     request_body(description = "The zip, as the whole body or in a form", content(
         (Vec<u8> = "application/zip"),

@@ -50,7 +50,7 @@ const REVISION: &str = "profile_revision";
     params(
         ("id" = String, Path, description = "Id of the stack"),
         ("Idempotency-Key" = Option<String>, Header, description = "A request that repeats an earlier one with the same key gets the new stack of the first"),
-        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 60) for the job to end"),
+        ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 50) for the job to end"),
     ),
     request_body(content = ref("#/components/schemas/RerunOptions"), content_type = "application/json", description = "The options to change; empty: none"),
     responses(

@@ -19,7 +19,10 @@ use tokio::{
 };
 use uuid::Uuid;
 
-use crate::store::{MetadataStore, StoreResult};
+use crate::{
+    store::{MetadataStore, StoreResult},
+    supervision::supervised,
+};
 
 /// Reads the versions of jobs, as [`JobQueue::versions`](crate::store::JobQueue::versions) does.
 type ReadVersions = Box<dyn Fn(Vec<Uuid>) -> BoxFuture<'static, StoreResult<Vec<(Uuid, i64)>>> + Send + Sync>;
@@ -125,7 +128,10 @@ impl Ticket {
         waiters.by_ticket.insert(number, Waiter { job, version, changed: Arc::clone(&changed) });
         if !std::mem::replace(&mut waiters.is_polled, true) {
             #[expect(clippy::disallowed_methods, reason = "it polls for all requests and belongs to none")]
-            tokio::spawn(Arc::clone(watch).poll());
+            tokio::spawn(supervised("poll of jobs", {
+                let watch = Arc::clone(watch);
+                move || Arc::clone(&watch).poll()
+            }));
         }
         drop(waiters);
         Self { watch: Arc::clone(watch), number, changed }

@@ -3,10 +3,11 @@
 use axum::{Json, extract::State};
 use serde::Serialize;
 use utoipa::ToSchema;
+use uuid::Uuid;
 
 use crate::{
     contract::options::StackOptions,
-    http::{App, extract::prefer::MAX_WAIT_S},
+    http::{ApiResult, App, extract::prefer::MAX_WAIT_S},
 };
 use pinstack_science::types::profile::MAX_SLICES;
 
@@ -17,6 +18,9 @@ pub struct Info {
     name: &'static str,
     /// Version of the program.
     version: &'static str,
+    /// Identity of the service. It is the same at every address and for every process of the service, and after a
+    /// restart or a restore from a backup.
+    id: Uuid,
     /// Limits.
     limits: LimitsInfo,
     /// Formats.
@@ -71,12 +75,13 @@ pub struct FormatsInfo {
 ///
 /// The version of the service, its limits, the formats that it reads and writes, and the default of every option.
 #[utoipa::path(get, path = "/v1/info", operation_id = "get_info", tag = "service", responses((status = 200, description = "Version, limits, formats, defaults", body = Info)))]
-pub async fn info(State(app): State<App>) -> Json<Info> {
+pub async fn info(State(app): State<App>) -> ApiResult<Json<Info>> {
     let policy = &app.policy;
     let archive = &policy.archive;
-    Json(Info {
+    Ok(Json(Info {
         name: env!("CARGO_PKG_NAME"),
         version: env!("CARGO_PKG_VERSION"),
+        id: app.store.metadata.service_id().await?,
         limits: LimitsInfo {
             max_upload_bytes: policy.max_upload_bytes,
             max_scan_bytes: policy.max_scan_bytes,
@@ -98,5 +103,5 @@ pub async fn info(State(app): State<App>) -> Json<Info> {
         },
         defaults: StackOptions::default(),
         workers: policy.workers,
-    })
+    }))
 }

@@ -1,5 +1,7 @@
 //! `GET /openapi.json`, and the completion of the document that utoipa generates.
 
+use std::borrow::Cow;
+
 use axum::{
     Extension,
     http::{HeaderMap, Method, StatusCode, header},
@@ -14,6 +16,7 @@ use crate::{
     http::{
         auth::needs,
         extract::{etag, not_modified},
+        links,
         system::{examples, parameters, schemas},
     },
     store::{digest::hex, tokens::names},
@@ -32,7 +35,7 @@ use pinstack_science::types::error::ErrorLocation;
             `X-Request-Id`.\n\n\
             **Coordinates.** Pixels: x to the right, y down, the centre of the top-left pixel is (0, 0). A homography is \
             row-major and maps pixels of a slice to pixels of the reference slice.\n\n\
-            **Waiting.** With `Prefer: wait=N` a request waits up to N seconds, at most 60, for the end of a job. \
+            **Waiting.** With `Prefer: wait=N` a request waits up to N seconds, at most 50, for the end of a job. \
             `Preference-Applied` has the granted time. To wait longer, repeat the request.\n\n\
             **Access.** `x-required-scopes` of an operation lists the scopes of which a token needs one. The scope `admin` \
             allows everything. A service can be configured to require no token.",
@@ -98,11 +101,21 @@ impl Document {
     )
 )]
 pub async fn openapi(Extension(document): Extension<&'static Document>, headers: HeaderMap) -> Response {
-    let tag = [(header::ETAG, etag(&document.tag))];
-    if not_modified(&headers, &document.tag) {
+    let (mut text, mut digest) = (Cow::Borrowed(document.text()), Cow::Borrowed(document.tag.as_str()));
+    if !links::prefix().is_empty() {
+        text = text.replacen(&server("/"), &server(&link!("/")), 1).into();
+        digest = hex(&Sha256::digest(text.as_bytes())).into();
+    }
+    let tag = [(header::ETAG, etag(&digest))];
+    if not_modified(&headers, &digest) {
         return (StatusCode::NOT_MODIFIED, tag).into_response();
     }
-    (tag, [(header::CONTENT_TYPE, "application/json")], document.text()).into_response()
+    (tag, [(header::CONTENT_TYPE, "application/json")], text).into_response()
+}
+
+/// The URL of the server, as the document has it.
+fn server(url: &str) -> String {
+    format!("\"url\": \"{url}\"")
 }
 
 /// Adds what all operations have in common, so that endpoints document only their own: problem bodies with examples of

@@ -18,12 +18,14 @@ pub struct Readiness {
 /// The checks.
 #[derive(Serialize, ToSchema)]
 pub struct Checks {
-    /// The database answers.
+    /// The database answers, and rows can be written.
     database: Check,
     /// Files can be written and renamed.
     blobs: Check,
     /// There is free disk space.
     disk: DiskCheck,
+    /// A worker is alive, or this process has none (`workers = 0`).
+    workers: Check,
     /// The server is not shutting down.
     running: Check,
 }
@@ -50,7 +52,7 @@ pub struct DiskCheck {
 
 /// Readiness check
 ///
-/// Checks the database, the blob store and the free disk space, at most once a second.
+/// Checks the database, the blob store, the free disk space and the workers, at most once a second.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -62,7 +64,7 @@ pub struct DiskCheck {
     )
 )]
 pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
-    let Health { database, blobs, has_room, free_bytes } = app.health.last().await;
+    let Health { database, blobs, workers, has_room, free_bytes } = app.health.last().await;
     let checks = Checks {
         database: Check { ok: database },
         blobs: Check { ok: blobs },
@@ -72,9 +74,10 @@ pub async fn readyz(State(app): State<App>) -> (StatusCode, Json<Readiness>) {
             reserved_bytes: app.disk.reserved(),
             min_free_bytes: app.policy.min_free_bytes,
         },
+        workers: Check { ok: workers },
         running: Check { ok: !app.shutdown.is_cancelled() },
     };
-    let ready = checks.database.ok && checks.blobs.ok && checks.disk.ok && checks.running.ok;
+    let ready = checks.database.ok && checks.blobs.ok && checks.disk.ok && workers && checks.running.ok;
     let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
     (status, Json(Readiness { ready, checks }))
 }

@@ -15,7 +15,8 @@ use super::{
     metadata::Metadata,
     patch::receive_piece,
     protocol::{
-        UPLOAD_DEFER_LENGTH, UPLOAD_LENGTH, UPLOAD_OFFSET, bytes, is_piece, require_version, url, write_headers,
+        UPLOAD_CONCAT, UPLOAD_DEFER_LENGTH, UPLOAD_LENGTH, UPLOAD_OFFSET, bytes, is_piece, require_version, url,
+        write_headers,
     },
     receive::require_fit,
 };
@@ -84,6 +85,11 @@ use crate::{
 )]
 pub async fn create(State(app): State<App>, caller: Caller, headers: HeaderMap, body: Body) -> ApiResult<Response> {
     require_version(&headers)?;
+    if headers.contains_key(UPLOAD_CONCAT) {
+        let detail = "Upload-Concat (concatenation) is not supported: the parts of a parallel upload cannot be joined; \
+                      switch off parallel uploads in the client (tus-js-client, Uppy: parallelUploads = 1)";
+        return Err(ApiError::new(Code::InvalidRequest, detail));
+    }
     let checksum = Checksum::of_request(&headers)?;
     let brings_piece = is_piece(&headers);
     if !brings_piece && has_body(&headers) {

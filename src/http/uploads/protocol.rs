@@ -34,6 +34,8 @@ pub const UPLOAD_LENGTH: HeaderName = HeaderName::from_static("upload-length");
 pub const UPLOAD_EXPIRES: HeaderName = HeaderName::from_static("upload-expires");
 /// Checksum of the body of one request.
 pub const UPLOAD_CHECKSUM: HeaderName = HeaderName::from_static("upload-checksum");
+/// Marks a part of a parallel upload, or joins the parts; not supported.
+pub const UPLOAD_CONCAT: HeaderName = HeaderName::from_static("upload-concat");
 /// Announces that the length comes later; not supported.
 pub const UPLOAD_DEFER_LENGTH: HeaderName = HeaderName::from_static("upload-defer-length");
 /// For clients behind proxies that pass only GET and POST.
@@ -92,7 +94,7 @@ pub fn is_piece(headers: &HeaderMap) -> bool {
 
 /// URL of an upload.
 pub fn url(id: Uuid) -> String {
-    format!("/v1/uploads/{id}")
+    link!("/v1/uploads/{id}")
 }
 
 /// URL of what was made from an upload: the job, or the scan. `None` before.
@@ -102,7 +104,7 @@ pub fn job_url(upload: &PartialUpload) -> Option<String> {
     Some(match purpose {
         UploadPurpose::Stack => url_of(JobKind::Stack, id),
         UploadPurpose::Calibration => url_of(JobKind::Calibration, id),
-        UploadPurpose::Scan => format!("/v1/scans/{}", Metadata::parse(&upload.metadata).ok()?.scan().ok()?),
+        UploadPurpose::Scan => link!("/v1/scans/{}", Metadata::parse(&upload.metadata).ok()?.scan().ok()?),
     })
 }
 

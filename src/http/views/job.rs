@@ -121,12 +121,12 @@ pub fn url(job: &Job) -> String {
 /// URL of the job of a kind.
 pub fn url_of(kind: JobKind, id: Uuid) -> String {
     match kind {
-        JobKind::Stack => format!("/v1/stacks/{id}"),
-        JobKind::Calibration => format!("/v1/calibrations/{id}"),
+        JobKind::Stack => link!("/v1/stacks/{id}"),
+        JobKind::Calibration => link!("/v1/calibrations/{id}"),
     }
 }
 
 /// URL of the profile revision that a job used or made.
 pub fn profile_url(job: &Job, revision: u32) -> String {
-    format!("/v1/profiles/{}/{}?revision={revision}", job.rig, job.lens)
+    link!("/v1/profiles/{}/{}?revision={revision}", job.rig, job.lens)
 }

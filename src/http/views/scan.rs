@@ -125,7 +125,7 @@ pub struct ViewOutlier {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ScanFinding {
     /// `missing_views`, `fewer_views_than_expected`, `more_views_than_expected`, `duplicate_angles`, `mixed_revisions`,
-    /// `mixed_sizes`, `mixed_cameras`, `failed_views`, or `outliers`.
+    /// `mixed_sizes`, `mixed_cameras`, `failed_views`, `same_pictures`, or `outliers`.
     pub code: String,
     /// What it is, in which views, and what to do.
     pub detail: String,
@@ -173,12 +173,12 @@ impl ScanWithViews {
         let rows: Vec<ScanView> = views.iter().enumerate().map(|(at, view)| row(view, outliers(at))).collect();
         let this = url(&scan.name);
         let links = ScanLinks {
-            stacks: format!("/v1/stacks?scan={}", scan.name),
+            stacks: link!("/v1/stacks?scan={}", scan.name),
             views_csv: format!("{this}/views.csv"),
             bundle: format!("{this}/bundle"),
             archive: format!("{this}/archive"),
             rerun: format!("{this}/rerun"),
-            profile: format!("/v1/profiles/{}/{}", scan.input.rig, scan.input.lens),
+            profile: link!("/v1/profiles/{}/{}", scan.input.rig, scan.input.lens),
             this,
         };
         let summary = summary(scan.input.expected_views, views);

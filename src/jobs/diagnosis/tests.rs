@@ -12,7 +12,7 @@ use crate::{
     jobs::{
         JobOutput,
         stack::run,
-        testkit::{Recorder, TestJob, both_zip, file, front_zip, png, stack, target_zip, zip},
+        testkit::{Recorder, TestJob, both_zip, file, front_zip, pixels, png, stack, target_zip, zip},
     },
 };
 use pinstack_science::{
@@ -121,7 +121,7 @@ fn twelve_bits_in_16_bit_files_are_warned_of_and_scaled_on_request() {
     let (stretched, told) = image(&dark, twelve);
     assert!(!told.iter().any(|warning| warning.code == "unused_input_bits"), "{told:?}");
     let mean = |bytes: &[u8]| {
-        let luma = codec::decode(bytes, &codec::Limits::default()).expect("a picture").luma();
+        let luma = pixels(bytes).luma();
         luma.data.iter().map(|&v| f64::from(v)).sum::<f64>() / luma.data.len() as f64
     };
     let (ours, right) = (mean(&stretched), mean(&image(&both_zip(), StackOptions::default()).0));

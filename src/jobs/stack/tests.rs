@@ -21,6 +21,7 @@ use pinstack_science::{
 };
 use sha2::{Digest, Sha256};
 
+mod colours;
 mod lateral_colour;
 mod pictures;
 

@@ -62,13 +62,28 @@ pub async fn limits_hold_for_concurrent_requests_of_two_processes(store: Fresh) 
 
 pub async fn a_database_of_another_version_is_refused(store: Fresh) {
     for (sql, told) in [
-        ("UPDATE _sqlx_migrations SET version = 999", "migrated by a newer version of pinstack (to schema 999)"),
-        ("UPDATE _sqlx_migrations SET version = 1", "from before the first release"),
+        (
+            "UPDATE _sqlx_migrations SET version = 999 WHERE version = (SELECT max(version) FROM _sqlx_migrations)",
+            "migrated by a newer version of pinstack (to schema 999)",
+        ),
+        ("UPDATE _sqlx_migrations SET version = 1 WHERE version = 999", "from before the first release"),
     ] {
         store.database.execute(sql).await.unwrap();
         let refused = store.database.open(store.clock.clone()).await.err().expect("another version").to_string();
         assert!(refused.contains("the database ") && refused.contains(told), "{refused}");
     }
+}
+
+pub async fn the_identity_of_a_service_outlives_its_processes(store: Fresh) {
+    let id = store.metadata.service_id().await.unwrap();
+    // a second process of the service, and one that starts later
+    let beside = store.database.open(store.clock.clone()).await.unwrap();
+    assert_eq!(beside.service_id().await.unwrap(), id);
+    store.metadata.close().await;
+    beside.close().await;
+    let later = store.database.open(store.clock.clone()).await.unwrap();
+    assert_eq!(later.service_id().await.unwrap(), id);
+    assert!(!id.is_nil());
 }
 
 pub async fn revisions_and_offsets_are_protected_even_from_sql(store: Fresh) {

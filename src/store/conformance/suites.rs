@@ -97,6 +97,7 @@ macro_rules! metadata_conformance {
                 two_processes_on_one_database_never_claim_the_same_job,
                 limits_hold_for_concurrent_requests_of_two_processes,
                 a_database_of_another_version_is_refused,
+                the_identity_of_a_service_outlives_its_processes,
                 revisions_and_offsets_are_protected_even_from_sql,
                 a_clock_that_jumped_while_no_server_ran_expires_nothing_until_it_is_confirmed,
                 a_job_with_an_unreadable_row_is_listed_as_skipped_and_fails_when_it_is_claimed;

@@ -35,9 +35,6 @@ impl PostgresMetadata {
         let mut tx = self.write_alone(Lock::Accept).await?;
         take(&mut tx, Lock::Profiles).await?;
         refuse_filled(&mut tx).await?;
-        // a new database has seen a clock, which the file has as well
-        sqlx::query("DELETE FROM clock_seen").execute(&mut *tx).await?;
-        sqlx::query("DELETE FROM clock_gaps").execute(&mut *tx).await?;
         transfer::to_postgres_from(&mut reader, &mut tx).await?;
         drop(reader);
         from.close().await;

@@ -69,6 +69,17 @@ impl PostgresMetadata {
         Ok(tx)
     }
 
+    /// Runs an operation that frees space or ends work. The disk of the database is another one than that of the files.
+    pub(super) async fn freeing<T, F>(&self, operation: impl Fn() -> F) -> StoreResult<T>
+    where
+        F: Future<Output = StoreResult<T>>,
+    {
+        operation().await
+    }
+
+    /// Nothing is reserved.
+    pub(super) async fn reserve_space(&self) {}
+
     /// The wall-clock time, ms.
     pub(super) async fn now(&self, executor: impl Executor<'_, Database = Db>) -> StoreResult<i64> {
         match &self.wall {

@@ -3,15 +3,21 @@
 //! A notification is sent within the transaction of the change, so it arrives after the commit or not at all. It is
 //! lost when the connection of the listener breaks; the listeners poll as well, so the change is seen later.
 
-use std::time::Duration;
+use std::{
+    sync::{Arc, Mutex, PoisonError},
+    time::Duration,
+};
 
 use sqlx::{PgConnection, PgPool, postgres::PgListener};
 use tokio::task::AbortHandle;
 use uuid::Uuid;
 
-use crate::store::{
-    StoreResult,
-    rows::transaction::{Listeners, Notice},
+use crate::{
+    store::{
+        StoreResult,
+        rows::transaction::{Listeners, Notice},
+    },
+    supervision::supervised,
 };
 
 /// Pause before a listener that lost its connection tries again.
@@ -34,10 +40,14 @@ impl Notifications {
     pub(super) async fn start(pool: &PgPool, listeners: Listeners) -> StoreResult<Self> {
         let channel: String = sqlx::query_scalar("SELECT 'pinstack_' || md5(current_schema())").fetch_one(pool).await?;
         let origin = Uuid::now_v7();
-        let listener = listen(pool, &channel).await?;
-        let of_others = OfOthers { origin, listeners };
-        let receiver = tokio::spawn(receive(listener, pool.clone(), channel.clone(), of_others)).abort_handle();
-        Ok(Self { channel, origin, receiver })
+        let first = Mutex::new(Some(listen(pool, &channel).await?));
+        let (pool, of_others) = (pool.clone(), Arc::new(OfOthers { origin, listeners }));
+        let listened = channel.clone();
+        let receiving = supervised("notifications of the database", move || {
+            let first = first.lock().unwrap_or_else(PoisonError::into_inner).take();
+            receive(first, pool.clone(), listened.clone(), Arc::clone(&of_others))
+        });
+        Ok(Self { channel, origin, receiver: tokio::spawn(receiving).abort_handle() })
     }
 
     /// Sends the ids of what changed with the commit of the transaction.
@@ -77,20 +87,25 @@ async fn listen(pool: &PgPool, channel: &str) -> Result<PgListener, sqlx::Error>
 }
 
 /// Receives until it is aborted. A broken connection is replaced.
-async fn receive(mut listener: PgListener, pool: PgPool, channel: String, of_others: OfOthers) {
+async fn receive(mut listener: Option<PgListener>, pool: PgPool, channel: String, of_others: Arc<OfOthers>) {
     loop {
-        let error = match listener.recv().await {
-            Ok(notification) => {
-                of_others.hear(notification.payload());
-                continue;
-            }
-            Err(error) => error,
-        };
-        tracing::warn!(?error, "no notifications of the database arrive; changes are found by polling meanwhile");
-        tokio::time::sleep(PAUSE).await;
+        if let Some(listener) = &mut listener {
+            let error = loop {
+                match listener.recv().await {
+                    Ok(notification) => of_others.hear(notification.payload()),
+                    Err(error) => break error,
+                }
+            };
+            tracing::warn!(?error, "no notifications of the database arrive; changes are found by polling meanwhile");
+            tokio::time::sleep(PAUSE).await;
+        }
         match listen(&pool, &channel).await {
-            Ok(new) => listener = new,
-            Err(error) => tracing::warn!(?error, "cannot listen for notifications of the database"),
+            Ok(new) => listener = Some(new),
+            Err(error) => {
+                tracing::warn!(?error, "cannot listen for notifications of the database");
+                listener = None;
+                tokio::time::sleep(PAUSE).await;
+            }
         }
     }
 }

@@ -56,7 +56,7 @@ macro_rules! tables {
 }
 
 /// Every table, those first to which others refer.
-pub(in crate::store) const TABLES: [Table; 9] = tables! {
+pub(in crate::store) const TABLES: [Table; 10] = tables! {
     profiles { rig Text, lens Text, last_revision Integer, current_revision Integer }
     revisions numbered { seq Integer, rig Text, lens Text, revision Integer, body Text, deleted_at Integer }
     revision_heads { seq Integer, head Text }
@@ -82,7 +82,11 @@ pub(in crate::store) const TABLES: [Table; 9] = tables! {
     }
     clock_seen { id Integer, at_ms Integer }
     clock_gaps { at_ms Integer, gap_ms Integer }
+    service { id Id }
 };
+
+/// Those of them that have rows in a new database too: a copy replaces these rows.
+const OF_NEW: [&str; 3] = ["clock_seen", "clock_gaps", "service"];
 
 impl Table {
     fn select(&self) -> String {
@@ -148,6 +152,9 @@ binding!(to_sqlite, Query<'q, Sqlite, sqlx::sqlite::SqliteArguments>);
 
 /// Copies all rows of a Postgres database into an empty SQLite database. Both are within a transaction of the caller.
 pub(in crate::store) async fn from_postgres(from: &mut PgConnection, to: &mut SqliteConnection) -> StoreResult<()> {
+    for table in OF_NEW {
+        sqlx::query(AssertSqlSafe(format!("DELETE FROM {table}"))).execute(&mut *to).await?;
+    }
     for table in &TABLES {
         let insert = table.insert('?', "");
         let mut rows = sqlx::query(AssertSqlSafe(table.select())).fetch(&mut *from);
@@ -161,6 +168,9 @@ pub(in crate::store) async fn from_postgres(from: &mut PgConnection, to: &mut Sq
 
 /// Copies all rows of a SQLite database into an empty Postgres database. Both are within a transaction of the caller.
 pub(in crate::store) async fn to_postgres_from(from: &mut SqliteConnection, to: &mut PgConnection) -> StoreResult<()> {
+    for table in OF_NEW {
+        sqlx::query(AssertSqlSafe(format!("DELETE FROM {table}"))).execute(&mut *to).await?;
+    }
     for table in &TABLES {
         let insert = table.insert('$', if table.is_numbered { " OVERRIDING SYSTEM VALUE" } else { "" });
         let mut rows = sqlx::query(AssertSqlSafe(table.select())).fetch(&mut *from);
@@ -179,10 +189,10 @@ pub(in crate::store) async fn to_postgres_from(from: &mut SqliteConnection, to: 
     Ok(())
 }
 
-/// Names of the tables that have rows. The tables of the clock are not counted: a new database has rows in them too.
+/// Names of the tables that have rows. Those are not counted in which a new database has rows too.
 pub(in crate::store) async fn filled_tables(of: &mut PgConnection) -> StoreResult<Vec<&'static str>> {
     let mut filled = Vec::new();
-    for table in TABLES.iter().filter(|table| !table.name.starts_with("clock_")) {
+    for table in TABLES.iter().filter(|table| !OF_NEW.contains(&table.name)) {
         let any = format!("SELECT EXISTS (SELECT 1 FROM {})", table.name);
         if sqlx::query_scalar::<_, bool>(AssertSqlSafe(any)).fetch_one(&mut *of).await? {
             filled.push(table.name);

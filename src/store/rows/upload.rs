@@ -74,12 +74,15 @@ impl TryFrom<OpenUploadRow> for OpenUpload {
     }
 }
 
+/// Name of the list of open uploads.
+const LIST: &str = "uploads";
+
 /// The id before which a page of open uploads begins, and the number of rows to read: one more than the page has.
 pub(in crate::store) fn open_uploads_window(page: &PageRequest) -> StoreResult<(Uuid, i64)> {
     // ids are UUIDv7: their order is that of their creation
     let before = match &page.cursor {
         None => Uuid::max(),
-        Some(cursor) => Uuid::try_parse(cursor).map_err(|_| StoreError::InvalidCursor)?,
+        Some(cursor) => Uuid::from_u128(page::key(LIST, cursor)?),
     };
     Ok((before, i64::from(page.limit.clamp(1, page::MOST)) + 1))
 }
@@ -89,7 +92,7 @@ pub(in crate::store) fn listed(mut rows: Vec<OpenUploadRow>, limit: i64) -> Page
     let full = usize::try_from(limit - 1).unwrap_or(usize::MAX);
     let more = rows.len() > full;
     rows.truncate(full);
-    let next_cursor = rows.last().filter(|_| more).map(|row| row.upload.id.simple().to_string());
+    let next_cursor = rows.last().filter(|_| more).map(|row| page::cursor(LIST, row.upload.id.as_u128()));
     Page::of_rows(rows, next_cursor, |row| {
         let id = row.upload.id;
         OpenUpload::try_from(row).map_err(|error| Skipped::unreadable(id.to_string(), &error))

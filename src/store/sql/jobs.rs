@@ -78,7 +78,7 @@ impl JobQueue for Metadata {
     }
 
     async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>> {
-        let window = Window::of(page)?;
+        let window = Window::of(filter.kind.map_or("jobs", JobKind::as_str), page)?;
         let rows = sqlx::query_as(
             "SELECT * FROM jobs
              WHERE seq < $1 AND NOT delete_requested
@@ -116,47 +116,53 @@ impl JobQueue for Metadata {
     }
 
     async fn cancel(&self, id: Uuid) -> StoreResult<Option<CancelRequest>> {
-        let mut tx = self.write().await?;
-        let now = self.now(&mut *tx).await?;
-        let Some((state, held)) = state_and_lease(&mut tx, id, now).await? else { return Ok(None) };
-        let answer = match state {
-            JobState::Succeeded | JobState::Failed | JobState::Cancelled => {
-                return Ok(Some(CancelRequest::AlreadyEnded(state)));
-            }
-            JobState::Running if held => {
-                sqlx::query(
-                    "UPDATE jobs SET cancel_requested = true, version = version + 1 WHERE id = $1 AND NOT cancel_requested",
-                )
-                .bind(id)
-                .execute(&mut *tx)
-                .await?;
-                CancelRequest::Requested
-            }
-            // no worker holds it: it is queued, or its lease has expired
-            JobState::Queued | JobState::Running => {
-                apply(&mut tx, id, now, &Transition::cancelled()).await?;
-                sqlx::query("UPDATE jobs SET cancel_requested = true WHERE id = $1").bind(id).execute(&mut *tx).await?;
-                CancelRequest::Cancelled
-            }
-        };
-        self.commit(tx, "rows.cancel", Notice::Changes(&[id])).await?;
-        Ok(Some(answer))
+        self.freeing(|| async {
+            let mut tx = self.write().await?;
+            let now = self.now(&mut *tx).await?;
+            let Some((state, held)) = state_and_lease(&mut tx, id, now).await? else { return Ok(None) };
+            let answer = match state {
+                JobState::Succeeded | JobState::Failed | JobState::Cancelled => {
+                    return Ok(Some(CancelRequest::AlreadyEnded(state)));
+                }
+                JobState::Running if held => {
+                    sqlx::query(
+                        "UPDATE jobs SET cancel_requested = true, version = version + 1 WHERE id = $1 AND NOT cancel_requested",
+                    )
+                    .bind(id)
+                    .execute(&mut *tx)
+                    .await?;
+                    CancelRequest::Requested
+                }
+                // no worker holds it: it is queued, or its lease has expired
+                JobState::Queued | JobState::Running => {
+                    apply(&mut tx, id, now, &Transition::cancelled()).await?;
+                    sqlx::query("UPDATE jobs SET cancel_requested = true WHERE id = $1").bind(id).execute(&mut *tx).await?;
+                    CancelRequest::Cancelled
+                }
+            };
+            self.commit(tx, "rows.cancel", Notice::Changes(&[id])).await?;
+            Ok(Some(answer))
+        })
+        .await
     }
 
     async fn delete_job(&self, id: Uuid) -> StoreResult<bool> {
-        let mut tx = self.write().await?;
-        let now = self.now(&mut *tx).await?;
-        let Some((state, held)) = state_and_lease(&mut tx, id, now).await? else { return Ok(false) };
-        let sql = if state == JobState::Running && held {
-            // its idempotency key can be used again at once
-            "UPDATE jobs SET cancel_requested = true, delete_requested = true, idempotency_key = NULL, version = version + 1
-             WHERE id = $1"
-        } else {
-            "DELETE FROM jobs WHERE id = $1"
-        };
-        sqlx::query(sql).bind(id).execute(&mut *tx).await?;
-        self.commit(tx, "rows.delete", Notice::Changes(&[id])).await?;
-        Ok(true)
+        self.freeing(|| async {
+            let mut tx = self.write().await?;
+            let now = self.now(&mut *tx).await?;
+            let Some((state, held)) = state_and_lease(&mut tx, id, now).await? else { return Ok(false) };
+            let sql = if state == JobState::Running && held {
+                // its idempotency key can be used again at once
+                "UPDATE jobs SET cancel_requested = true, delete_requested = true, idempotency_key = NULL, version = version + 1
+                 WHERE id = $1"
+            } else {
+                "DELETE FROM jobs WHERE id = $1"
+            };
+            sqlx::query(sql).bind(id).execute(&mut *tx).await?;
+            self.commit(tx, "rows.delete", Notice::Changes(&[id])).await?;
+            Ok(true)
+        })
+        .await
     }
 
     async fn blob_owner(&self, id: Uuid) -> StoreResult<Option<BlobOwner>> {

@@ -44,11 +44,11 @@ impl Leases for Metadata {
     }
 
     async fn finish(&self, id: Uuid, lease_token: i64, finish: &Finish) -> StoreResult<bool> {
-        self.observer.reached(answered(transitions::finish(self, id, lease_token, finish)).await)
+        self.observer.reached(answered(self.freeing(|| transitions::finish(self, id, lease_token, finish))).await)
     }
 
     async fn release(&self, id: Uuid, lease_token: i64, attempt: Attempt) -> StoreResult<bool> {
-        self.observer.reached(answered(self.try_release(id, lease_token, attempt)).await)
+        self.observer.reached(answered(self.freeing(|| self.try_release(id, lease_token, attempt))).await)
     }
 }
 

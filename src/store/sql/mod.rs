@@ -7,6 +7,7 @@
 //! |---|---|---|
 //! | `write`, `write_alone`, `take` | `BEGIN IMMEDIATE`: one writer at a time, so nothing is left to lock | advisory locks ([`Lock`](crate::store::rows::transaction::Lock)) |
 //! | `now` | the clock of the machine | that of the database |
+//! | `freeing`, `reserve_space` | on a full disk with reserved space | nothing: the disk is not that of the files |
 //! | `commit` | tells the listeners of this process | those of every process, by `NOTIFY` |
 //! | `answered` | waits | waits for a limited time: the network may fail |
 //! | `id_list`, `dialect!(IN "$1")` | a JSON list | an array |

@@ -71,7 +71,7 @@ impl ProfileStore for Metadata {
         lens: Option<&Name>,
         page: &PageRequest,
     ) -> StoreResult<Page<ProfileSummary>> {
-        let window = Window::of(page)?;
+        let window = Window::of("profiles", page)?;
         let rows = sqlx::query_as(
             "SELECT seq, rig, lens, revision, head AS json
              FROM profiles NATURAL JOIN revisions JOIN revision_heads USING (seq)
@@ -88,7 +88,7 @@ impl ProfileStore for Metadata {
     }
 
     async fn revisions(&self, rig: &Name, lens: &Name, page: &PageRequest) -> StoreResult<Page<ProfileSummary>> {
-        let window = Window::of(page)?;
+        let window = Window::of(format!("revisions of {rig}/{lens}"), page)?;
         let rows = sqlx::query_as(
             "SELECT seq, rig, lens, revision, head AS json
              FROM revisions JOIN revision_heads USING (seq)
@@ -104,7 +104,7 @@ impl ProfileStore for Metadata {
     }
 
     async fn all_revisions(&self, page: &PageRequest) -> StoreResult<Page<Profile>> {
-        let window = Window::of(page)?;
+        let window = Window::of("all revisions", page)?;
         let rows = sqlx::query_as(
             "SELECT seq, rig, lens, revision, body AS json FROM revisions WHERE seq < $1 ORDER BY seq DESC LIMIT $2",
         )
@@ -125,28 +125,31 @@ impl ProfileStore for Metadata {
     }
 
     async fn delete_profile(&self, rig: &Name, lens: &Name, condition: Precondition) -> StoreResult<DeleteProfile> {
-        let mut tx = self.write_alone(Lock::Profiles).await?;
-        let now = self.now(&mut *tx).await?;
-        let current = current_revision(&mut tx, rig, lens).await?;
-        if !condition.holds(current) {
-            return Ok(DeleteProfile::PreconditionFailed(current));
-        }
-        if current.is_none() {
-            return Ok(DeleteProfile::NotFound);
-        }
-        sqlx::query("UPDATE profiles SET current_revision = NULL WHERE rig = $1 AND lens = $2")
-            .bind(rig.as_str())
-            .bind(lens.as_str())
-            .execute(&mut *tx)
-            .await?;
-        sqlx::query("UPDATE revisions SET deleted_at = $3 WHERE rig = $1 AND lens = $2 AND deleted_at IS NULL")
-            .bind(rig.as_str())
-            .bind(lens.as_str())
-            .bind(now)
-            .execute(&mut *tx)
-            .await?;
-        self.commit(tx, "rows.delete_profile", Notice::None).await?;
-        Ok(DeleteProfile::Deleted)
+        self.freeing(|| async {
+            let mut tx = self.write_alone(Lock::Profiles).await?;
+            let now = self.now(&mut *tx).await?;
+            let current = current_revision(&mut tx, rig, lens).await?;
+            if !condition.holds(current) {
+                return Ok(DeleteProfile::PreconditionFailed(current));
+            }
+            if current.is_none() {
+                return Ok(DeleteProfile::NotFound);
+            }
+            sqlx::query("UPDATE profiles SET current_revision = NULL WHERE rig = $1 AND lens = $2")
+                .bind(rig.as_str())
+                .bind(lens.as_str())
+                .execute(&mut *tx)
+                .await?;
+            sqlx::query("UPDATE revisions SET deleted_at = $3 WHERE rig = $1 AND lens = $2 AND deleted_at IS NULL")
+                .bind(rig.as_str())
+                .bind(lens.as_str())
+                .bind(now)
+                .execute(&mut *tx)
+                .await?;
+            self.commit(tx, "rows.delete_profile", Notice::None).await?;
+            Ok(DeleteProfile::Deleted)
+        })
+        .await
     }
 }
 

@@ -84,7 +84,7 @@ impl ScanStore for Metadata {
     }
 
     async fn scans(&self, filter: &ScanFilter, page: &PageRequest) -> StoreResult<Page<Scan>> {
-        let window = Window::of(page)?;
+        let window = Window::of("scans", page)?;
         let rows = sqlx::query_as(
             "SELECT * FROM scans
              WHERE seq < $1 AND ($2 IS NULL OR rig = $2) AND ($3 IS NULL OR lens = $3)
@@ -113,25 +113,28 @@ impl ScanStore for Metadata {
     }
 
     async fn delete_scan(&self, name: &Name, condition: Precondition) -> StoreResult<DeleteScan> {
-        let mut tx = self.write_alone(Lock::Accept).await?;
-        let version: Option<i64> = sqlx::query_scalar("SELECT version FROM scans WHERE name = $1")
-            .bind(name.as_str())
-            .fetch_optional(&mut *tx)
-            .await?;
-        let version = version.and_then(|version| u32::try_from(version).ok());
-        if !condition.holds(version) {
-            return Ok(DeleteScan::PreconditionFailed(version));
-        }
-        if version.is_none() {
-            return Ok(DeleteScan::NotFound);
-        }
-        let stacks = stacks(&mut tx, name).await?;
-        if stacks > 0 {
-            return Ok(DeleteScan::HasStacks(stacks));
-        }
-        sqlx::query("DELETE FROM scans WHERE name = $1").bind(name.as_str()).execute(&mut *tx).await?;
-        self.commit(tx, "rows.delete_scan", Notice::None).await?;
-        Ok(DeleteScan::Deleted)
+        self.freeing(|| async {
+            let mut tx = self.write_alone(Lock::Accept).await?;
+            let version: Option<i64> = sqlx::query_scalar("SELECT version FROM scans WHERE name = $1")
+                .bind(name.as_str())
+                .fetch_optional(&mut *tx)
+                .await?;
+            let version = version.and_then(|version| u32::try_from(version).ok());
+            if !condition.holds(version) {
+                return Ok(DeleteScan::PreconditionFailed(version));
+            }
+            if version.is_none() {
+                return Ok(DeleteScan::NotFound);
+            }
+            let stacks = stacks(&mut tx, name).await?;
+            if stacks > 0 {
+                return Ok(DeleteScan::HasStacks(stacks));
+            }
+            sqlx::query("DELETE FROM scans WHERE name = $1").bind(name.as_str()).execute(&mut *tx).await?;
+            self.commit(tx, "rows.delete_scan", Notice::None).await?;
+            Ok(DeleteScan::Deleted)
+        })
+        .await
     }
 }
 

@@ -51,15 +51,18 @@ impl Tokens for Metadata {
     }
 
     async fn revoke_token(&self, name: &Name) -> StoreResult<bool> {
-        let mut tx = self.write().await?;
-        let now = self.now(&mut *tx).await?;
-        let revoked = sqlx::query("UPDATE tokens SET revoked_at = $2 WHERE name = $1 AND revoked_at IS NULL")
-            .bind(name.as_str())
-            .bind(now)
-            .execute(&mut *tx)
-            .await?;
-        self.commit(tx, "rows.revoke_token", Notice::None).await?;
-        Ok(revoked.rows_affected() == 1)
+        self.freeing(|| async {
+            let mut tx = self.write().await?;
+            let now = self.now(&mut *tx).await?;
+            let revoked = sqlx::query("UPDATE tokens SET revoked_at = $2 WHERE name = $1 AND revoked_at IS NULL")
+                .bind(name.as_str())
+                .bind(now)
+                .execute(&mut *tx)
+                .await?;
+            self.commit(tx, "rows.revoke_token", Notice::None).await?;
+            Ok(revoked.rows_affected() == 1)
+        })
+        .await
     }
 
     async fn owner(&self, id: Uuid) -> StoreResult<Option<Uuid>> {

@@ -98,19 +98,22 @@ impl UploadRecords for Metadata {
     }
 
     async fn take_over_upload(&self, id: Uuid) -> StoreResult<Option<i64>> {
-        let mut tx = self.write().await?;
-        let now = self.now(&mut *tx).await?;
-        let generation: Option<i64> = sqlx::query_scalar(concat!(
-            "UPDATE uploads SET wanted = wanted + 1 WHERE id = $1 AND ",
-            not_expired!("$2"),
-            " RETURNING wanted"
-        ))
-        .bind(id)
-        .bind(now)
-        .fetch_optional(&mut *tx)
-        .await?;
-        self.commit(tx, "rows.want_upload", Notice::Changes(&[id])).await?;
-        Ok(generation)
+        self.freeing(|| async {
+            let mut tx = self.write().await?;
+            let now = self.now(&mut *tx).await?;
+            let generation: Option<i64> = sqlx::query_scalar(concat!(
+                "UPDATE uploads SET wanted = wanted + 1 WHERE id = $1 AND ",
+                not_expired!("$2"),
+                " RETURNING wanted"
+            ))
+            .bind(id)
+            .bind(now)
+            .fetch_optional(&mut *tx)
+            .await?;
+            self.commit(tx, "rows.want_upload", Notice::Changes(&[id])).await?;
+            Ok(generation)
+        })
+        .await
     }
 
     async fn advance_upload(&self, id: Uuid, advance: &Advance) -> StoreResult<bool> {
@@ -180,37 +183,46 @@ impl UploadRecords for Metadata {
     }
 
     async fn refuse_upload(&self, id: Uuid, fault: &Fault) -> StoreResult<bool> {
-        let mut tx = self.write().await?;
-        let refused = sqlx::query("UPDATE uploads SET fault = $2 WHERE id = $1 AND job_kind IS NULL")
-            .bind(id)
-            .bind(json::stored::<Fault>("the refusal of an upload", fault)?)
-            .execute(&mut *tx)
-            .await?;
-        self.commit(tx, "rows.refuse_upload", Notice::None).await?;
-        Ok(refused.rows_affected() == 1)
+        self.freeing(|| async {
+            let mut tx = self.write().await?;
+            let refused = sqlx::query("UPDATE uploads SET fault = $2 WHERE id = $1 AND job_kind IS NULL")
+                .bind(id)
+                .bind(json::stored::<Fault>("the refusal of an upload", fault)?)
+                .execute(&mut *tx)
+                .await?;
+            self.commit(tx, "rows.refuse_upload", Notice::None).await?;
+            Ok(refused.rows_affected() == 1)
+        })
+        .await
     }
 
     async fn delete_upload(&self, id: Uuid) -> StoreResult<bool> {
-        let mut tx = self.write().await?;
-        let deleted = sqlx::query("DELETE FROM uploads WHERE id = $1").bind(id).execute(&mut *tx).await?;
-        self.commit(tx, "rows.delete_upload", Notice::Changes(&[id])).await?;
-        Ok(deleted.rows_affected() == 1)
+        self.freeing(|| async {
+            let mut tx = self.write().await?;
+            let deleted = sqlx::query("DELETE FROM uploads WHERE id = $1").bind(id).execute(&mut *tx).await?;
+            self.commit(tx, "rows.delete_upload", Notice::Changes(&[id])).await?;
+            Ok(deleted.rows_affected() == 1)
+        })
+        .await
     }
 
     async fn delete_expired_uploads(&self) -> StoreResult<Vec<ExpiredUpload>> {
-        clock_gaps::observe(self).await?;
-        let mut tx = self.write_alone(Lock::Expiry).await?;
-        let now = self.now(&mut *tx).await?;
-        let gone: Vec<(Uuid, bool)> = sqlx::query_as(concat!(
-            "DELETE FROM uploads WHERE NOT (",
-            not_expired!("$1"),
-            ") RETURNING id, job_kind IS NULL AND fault IS NULL"
-        ))
-        .bind(now)
-        .fetch_all(&mut *tx)
-        .await?;
-        self.commit(tx, "rows.expire_uploads", Notice::None).await?;
-        Ok(gone.into_iter().map(|(id, was_open)| ExpiredUpload { id, was_open }).collect())
+        self.freeing(|| async {
+            clock_gaps::observe(self).await?;
+            let mut tx = self.write_alone(Lock::Expiry).await?;
+            let now = self.now(&mut *tx).await?;
+            let gone: Vec<(Uuid, bool)> = sqlx::query_as(concat!(
+                "DELETE FROM uploads WHERE NOT (",
+                not_expired!("$1"),
+                ") RETURNING id, job_kind IS NULL AND fault IS NULL"
+            ))
+            .bind(now)
+            .fetch_all(&mut *tx)
+            .await?;
+            self.commit(tx, "rows.expire_uploads", Notice::None).await?;
+            Ok(gone.into_iter().map(|(id, was_open)| ExpiredUpload { id, was_open }).collect())
+        })
+        .await
     }
 
     async fn upload_is_open(&self, id: Uuid) -> StoreResult<bool> {

@@ -4,23 +4,31 @@ use std::{fs::File, path::Path, sync::Arc, time::Duration};
 
 use anyhow::Context;
 use async_trait::async_trait;
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{
+    Connection, SqliteConnection, SqlitePool,
+    sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous},
+};
 use tokio::sync::broadcast;
 use uuid::Uuid;
 
-use super::{engine::SqliteMetadata, sql::totals::totals};
+use super::{engine::SqliteMetadata, reserve::Reserve, sql::totals::totals};
 use crate::store::{
     Clock, MetadataStore, StoreError, StoreResult, SystemClock, Totals, failpoint::step, folder, rows::schema::Schema,
 };
 
 /// How long a statement waits for a writer in another process.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(20);
+/// How long a check waits for the writing connection: transactions are short.
+const WRITE_CHECK_TIMEOUT: Duration = Duration::from_secs(4);
 /// Number of reading connections.
 const READERS: u32 = 4;
 /// Rows that a connection reads ahead of the consumer.
 const ROWS_AHEAD: usize = 4;
 
-pub(in crate::store) const SCHEMA: Schema = Schema(&[(11, "rows", include_str!("schema/0011_rows.sql"))]);
+pub(in crate::store) const SCHEMA: Schema = Schema(&[
+    (11, "rows", include_str!("schema/0011_rows.sql")),
+    (12, "service", include_str!("schema/0012_service.sql")),
+]);
 
 impl SqliteMetadata {
     /// Opens the file, creates it if it is missing, and migrates its schema.
@@ -37,30 +45,51 @@ impl SqliteMetadata {
     /// As [`SqliteMetadata::open`].
     pub async fn open_with_clock(path: impl AsRef<Path>, clock: Arc<dyn Clock>) -> StoreResult<Self> {
         let path = path.as_ref();
-        // two processes that start at once must not both migrate the schema
-        let lock = lock_beside(path).await?;
-        let options = SqliteConnectOptions::new()
-            .filename(path)
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .foreign_keys(true)
-            .busy_timeout(BUSY_TIMEOUT)
-            // a row may have a megabyte, so only a few are read ahead
-            .row_buffer_size(ROWS_AHEAD);
-        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
-        step("rows.migrate").map_err(|error| StoreError::of_io(error, "cannot migrate".into()))?;
-        let migrated = SCHEMA.migrator().run(&writer).await;
-        migrated.map_err(|error| SCHEMA.refusal(error, &format!("the database {}", path.display())))?;
-        for ending in ["", "-wal", "-shm", ".lock"] {
-            keep_private(path, ending)?;
-        }
-        drop(lock);
-        let reading = options.pragma("query_only", "ON");
-        let readers = SqlitePoolOptions::new().max_connections(READERS).connect_with(reading).await?;
+        let reserve = Reserve::beside(path);
+        // on a full disk too, so that what is stored there can be deleted
+        let (writer, readers) = reserve.freeing(|| connect(path)).await?;
         let (observer, last_seen, listeners) = Default::default();
-        Ok(Self { writer, readers, clock, observer, last_seen, listeners })
+        Ok(Self { writer, readers, reserve, clock, observer, last_seen, listeners })
     }
+}
+
+/// The writing connection and the reading ones, to a file whose schema is migrated.
+async fn connect(path: &Path) -> StoreResult<(SqlitePool, SqlitePool)> {
+    // two processes that start at once must not both migrate the schema
+    let lock = lock_beside(path).await?;
+    let options = SqliteConnectOptions::new()
+        .filename(path)
+        .create_if_missing(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .foreign_keys(true)
+        .busy_timeout(BUSY_TIMEOUT)
+        // a row may have a megabyte, so only a few are read ahead
+        .row_buffer_size(ROWS_AHEAD);
+    let writer = SqlitePoolOptions::new()
+        .max_connections(1)
+        .after_release(|connection, _| Box::pin(is_reusable(connection)))
+        .connect_with(options.clone())
+        .await?;
+    step("rows.migrate").map_err(|error| StoreError::of_io(error, "cannot migrate".into()))?;
+    let migrated = SCHEMA.migrator().run(&writer).await;
+    migrated.map_err(|error| SCHEMA.refusal(error, &format!("the database {}", path.display())))?;
+    for ending in ["", "-wal", "-shm", ".lock"] {
+        keep_private(path, ending)?;
+    }
+    drop(lock);
+    let reading = options.pragma("query_only", "ON");
+    let readers = SqlitePoolOptions::new().max_connections(READERS).connect_with(reading).await?;
+    Ok((writer, readers))
+}
+
+/// False when a transaction of the connection did not end cleanly: the pool then closes it and opens another one. After
+/// a full disk or an I/O error SQLite has rolled back by itself, the rollback of the library fails, and it counts the
+/// transaction for ever.
+async fn is_reusable(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    // answered after the rollback of a transaction that was dropped
+    connection.ping().await?;
+    Ok(!connection.is_in_transaction())
 }
 
 /// Restricts the mode of a database file: the database contains everything but the images.
@@ -97,6 +126,10 @@ impl MetadataStore for SqliteMetadata {
         self.listeners.arrivals.subscribe()
     }
 
+    async fn service_id(&self) -> StoreResult<Uuid> {
+        Ok(sqlx::query_scalar("SELECT id FROM service").fetch_one(&self.readers).await?)
+    }
+
     async fn totals(&self) -> StoreResult<Totals> {
         totals(self).await
     }
@@ -113,8 +146,12 @@ impl MetadataStore for SqliteMetadata {
     }
 
     async fn healthy(&self) -> bool {
-        let answer = sqlx::query("SELECT 1").execute(&self.readers);
-        matches!(tokio::time::timeout(Duration::from_secs(2), answer).await, Ok(Ok(_)))
+        let check = async {
+            sqlx::query("SELECT 1").execute(&self.readers).await?;
+            // writes a page of the database as it is, which a full disk refuses; this program does not use the number
+            sqlx::query("PRAGMA user_version = 0").execute(&self.writer).await
+        };
+        matches!(tokio::time::timeout(WRITE_CHECK_TIMEOUT, check).await, Ok(Ok(_)))
     }
 
     async fn snapshot_to(&self, path: &Path) -> StoreResult<()> {

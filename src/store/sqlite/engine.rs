@@ -5,6 +5,7 @@ use std::sync::Arc;
 use sqlx::{Executor, SqlitePool, Transaction};
 use uuid::Uuid;
 
+use super::reserve::Reserve;
 use crate::store::{
     Clock, StoreResult,
     rows::{
@@ -22,6 +23,7 @@ pub(super) type Metadata = SqliteMetadata;
 pub struct SqliteMetadata {
     pub(super) writer: SqlitePool,
     pub(super) readers: SqlitePool,
+    pub(super) reserve: Reserve,
     pub(super) clock: Arc<dyn Clock>,
     pub(super) observer: LeaseObserver,
     pub(super) last_seen: LastSeen,
@@ -42,6 +44,19 @@ impl SqliteMetadata {
     /// The same: the write lock is stronger than any [`Lock`].
     pub(super) async fn write_alone(&self, _: Lock) -> StoreResult<Transaction<'static, Db>> {
         self.write().await
+    }
+
+    /// Runs an operation that frees space or ends work: on a full disk with the space that is reserved for it.
+    pub(in crate::store) async fn freeing<T, F>(&self, operation: impl Fn() -> F) -> StoreResult<T>
+    where
+        F: Future<Output = StoreResult<T>>,
+    {
+        self.reserve.freeing(operation).await
+    }
+
+    /// Makes the reserve of the operation above.
+    pub(super) async fn reserve_space(&self) {
+        self.reserve.fill().await;
     }
 
     /// The wall-clock time, ms.

@@ -6,6 +6,7 @@
 
 mod database;
 mod engine;
+mod reserve;
 #[path = "../sql/mod.rs"]
 #[allow(clippy::duplicate_mod, reason = "the statements are compiled for each engine")]
 mod sql;

@@ -56,3 +56,26 @@ async fn a_full_disk_is_recognised_and_corrupts_nothing() {
     sqlx::query("PRAGMA max_page_count = 1000000").execute(&store.writer).await.unwrap();
     conformance::accept(&store, &conformance::stack()).await;
 }
+
+#[tokio::test]
+async fn a_transaction_that_sqlite_rolled_back_by_itself_harms_no_later_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = SqliteMetadata::open(folder.path().join("metadata.sqlite")).await.unwrap();
+    let mut tx = store.write().await.unwrap();
+    // what SQLite does after a full disk, an I/O error, or without memory; the library counts the transaction still
+    sqlx::query("ROLLBACK").execute(&mut *tx).await.unwrap();
+    drop(tx);
+    conformance::accept(&store, &conformance::stack()).await;
+    assert!(store.healthy().await);
+}
+
+#[tokio::test]
+async fn a_database_that_cannot_be_written_is_not_healthy_and_recovers() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = SqliteMetadata::open(folder.path().join("metadata.sqlite")).await.unwrap();
+    assert!(store.healthy().await);
+    sqlx::query("PRAGMA query_only = ON").execute(&store.writer).await.unwrap();
+    assert!(!store.healthy().await, "it can be read, but not written");
+    sqlx::query("PRAGMA query_only = OFF").execute(&store.writer).await.unwrap();
+    assert!(store.healthy().await);
+}

@@ -3,9 +3,13 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::*;
-use crate::store::{
-    Store,
-    conformance::disk::{SmallDisk, TOTAL},
+use crate::{
+    contract::{JobError, request::JobRequest},
+    jobs::{JobContext, JobOutput, JobRunner, ProgressSink},
+    store::{
+        Store,
+        conformance::disk::{SmallDisk, TOTAL},
+    },
 };
 
 const PAUSE: Duration = Duration::from_secs(60);
@@ -68,5 +72,46 @@ worker_test! {
         stage.order(Order::Succeed);
         let job = stage.ended(id).await;
         assert_eq!((job.state, job.attempt), (JobState::Succeeded, 1));
+    }
+}
+
+/// Panics when it is asked for the memory of the first job: on the task of the worker, not on the thread of the job.
+struct PanicsOnce(Arc<dyn JobRunner>, AtomicU64);
+
+impl JobRunner for PanicsOnce {
+    fn memory_need(&self, request: &JobRequest) -> u64 {
+        assert!(self.1.fetch_add(1, Ordering::SeqCst) > 0, "a bug, made for the test");
+        self.0.memory_need(request)
+    }
+
+    fn disk_need(&self, request: &JobRequest) -> u64 {
+        self.0.disk_need(request)
+    }
+
+    fn run(&self, context: &JobContext, sink: &dyn ProgressSink) -> Result<JobOutput, JobError> {
+        self.0.run(context, sink)
+    }
+}
+
+worker_test! {
+    async fn a_worker_that_panics_is_replaced_and_its_job_runs_again() {
+        let mut stage = stage().await;
+        let runner = Arc::new(PanicsOnce(Arc::clone(&stage.deps.runner), AtomicU64::new(0)));
+        let pool = Pool::start(Deps { runner, ..stage.deps.clone() }, config(1));
+        let alive = pool.alive();
+        let id = stage.accept().await;
+        stage.order(Order::Succeed);
+        while alive.load(Ordering::SeqCst) > 0 {
+            tokio::task::yield_now().await;
+        }
+        // the lease of the lost worker expires once the new one has seen it unchanged for its whole length
+        while stage.began.try_recv().is_err() {
+            stage.clock.advance(LEASE);
+            tokio::task::yield_now().await;
+        }
+        let job = stage.ended(id).await;
+        assert_eq!((job.state, job.attempt), (JobState::Succeeded, 2));
+        assert_eq!(alive.load(Ordering::SeqCst), 1);
+        pool.shutdown(Duration::from_secs(10)).await;
     }
 }

@@ -1,10 +1,10 @@
 //! The table names the views that differ from their neighbours, and the angles at which a view is missing.
 
-use pinstack_science::types::metrics::{MaskMetrics, Metrics};
+use pinstack_science::types::metrics::{MaskMetrics, Metrics, SliceMetrics};
 use serde_json::{Value, json};
 
 use super::{names, scan};
-use crate::app::TestApp;
+use crate::app::{HEIGHT, TestApp, WIDTH, png, problem, zip};
 
 /// Metrics of a view of an object that looks alike from all sides, but for the given factors.
 fn metrics(at: usize, sharpness: f64, area: f64, residual_px: f64, level: f64) -> Metrics {
@@ -66,8 +66,9 @@ async fn outliers_and_missing_views_are_named_with_what_to_do() {
     ];
     assert_eq!(differ, expected);
     assert_eq!(table["missing"], json!([{ "pan_deg": 100.0, "tilt_deg": 12.0 }]));
-    let findings: Vec<(&str, &Value)> =
-        table["findings"].as_array().unwrap().iter().map(|f| (f["code"].as_str().unwrap(), &f["views"])).collect();
+    let findings = table["findings"].as_array().unwrap().iter().map(|f| (f["code"].as_str().unwrap(), &f["views"]));
+    // the test sends one zip for all views
+    let findings: Vec<(&str, &Value)> = findings.filter(|(code, _)| *code != "same_pictures").collect();
     let outliers = json!(expected.map(|(view, _)| view));
     assert_eq!(findings, [("missing_views", &json!(["pan100_tilt12"])), ("outliers", &outliers)]);
     let blurred = &table["views"][3]["outliers"][0];
@@ -82,6 +83,12 @@ async fn the_csv_has_the_same_rows_and_numbers() {
     let answer = app.get("/v1/scans/bee/views.csv").send().await.unwrap();
     assert_eq!(answer.headers()["content-disposition"], "attachment; filename=\"bee_views.csv\"");
     let text = answer.text().await.unwrap();
+    // for a spreadsheet
+    let marked = app.get("/v1/scans/bee/views.csv?bom=true").send().await.unwrap().bytes().await.unwrap();
+    assert_eq!(marked.as_ref(), [b"\xef\xbb\xbf", text.as_bytes()].concat());
+    let page = crate::pages::page(&app, "/scans/bee").await;
+    assert!(page.contains("/v1/scans/bee/views.csv?bom=true"), "{page}");
+    problem(app.get("/v1/scans/bee/views.csv?bom=1").send().await.unwrap(), 400, "invalid_request").await;
     let mut lines = text.split("\r\n");
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
     let column = |name: &str| header.iter().position(|column| *column == name).expect(name);
@@ -109,7 +116,44 @@ async fn views_at_equal_angles_under_different_labels_are_a_finding() {
     }
     let table = scan(&app, "bee").await;
     assert_eq!(names(&table["views"]), ["head", "also-left", "left"], "neither replaces the other");
-    let [finding] = &table["findings"].as_array().unwrap()[..] else { panic!("{table}") };
+    let [finding, copies] = &table["findings"].as_array().unwrap()[..] else { panic!("{table}") };
     assert_eq!((&finding["code"], &finding["views"]), (&json!("duplicate_angles"), &json!(["also-left", "left"])));
     assert!(finding["detail"].as_str().unwrap().contains("delete one, or correct it"), "{finding}");
+    // the test sends one zip for all views
+    assert_eq!((&copies["code"], copies["views"].as_array().unwrap().len()), (&json!("same_pictures"), 3));
+}
+
+#[tokio::test]
+async fn a_view_that_was_sent_again_under_another_angle_is_a_finding() {
+    let app = TestApp::start().await;
+    app.with_scan("bee").await;
+    app.with_profile(2).await;
+    // the same pictures in one zip, the same pictures in another zip, and other pictures
+    let pictures = |first: usize| [0, 1].map(|n| (format!("front/{n}.png"), png(WIDTH, HEIGHT, 3, first + n)));
+    let named = [0, 1].map(|n| (format!("front/other_{n}.png"), png(WIDTH, HEIGHT, 3, n)));
+    let views = [(0, zip(&pictures(0))), (20, zip(&pictures(0))), (40, zip(&named)), (60, zip(&pictures(7)))];
+    let send = async |pan: i32, zip: Vec<u8>| {
+        let path = format!("/v1/stacks?rig=rig&lens=lens&scan=bee&tilt_deg=0&pan_deg={pan}");
+        assert_eq!(app.post(&path).body(zip).send().await.unwrap().status(), 202);
+    };
+    let copies = async || {
+        let table = scan(&app, "bee").await;
+        let found = table["findings"].as_array().unwrap().iter().find(|f| f["code"] == "same_pictures").cloned();
+        found.map(|finding| finding["views"].clone())
+    };
+    for (pan, zip) in views {
+        send(pan, zip).await;
+        if pan == 0 {
+            assert_eq!(copies().await, None);
+        }
+    }
+    // at once, by the zip
+    assert_eq!(copies().await, Some(json!(["pan000_tilt00", "pan020_tilt00"])));
+    for slices in [[3.0, 5.0], [3.0, 5.0], [3.0, 5.0], [4.0, 5.0]] {
+        let slices = slices.map(|sharpness| SliceMetrics { sharpness: Some(sharpness), ..SliceMetrics::default() });
+        app.finish_stack(&app.claim().await, |outcome| outcome.metrics.slices = slices.to_vec()).await;
+    }
+    let all = copies().await.expect("a finding");
+    assert!(all.as_array().unwrap().contains(&json!("pan040_tilt00")), "{all}");
+    assert!(!all.as_array().unwrap().contains(&json!("pan060_tilt00")), "{all}");
 }

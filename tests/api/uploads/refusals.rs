@@ -28,6 +28,17 @@ async fn an_invalid_upload_is_refused_at_its_creation() {
     problem(creation(&app, 100_001, &of_rig()).send().await.unwrap(), 413, "upload_too_large").await;
     let deferred = request(&app, Method::POST, "/v1/uploads").header("upload-defer-length", "1");
     problem(deferred.send().await.unwrap(), 400, "invalid_request").await;
+    // a part of a parallel upload, as tus-js-client sends it, and the request that joins the parts
+    let parts = [
+        request(&app, Method::POST, "/v1/uploads").header("upload-length", "10").header("upload-concat", "partial"),
+        creation(&app, 10, &of_rig()).header("upload-concat", "partial"),
+        request(&app, Method::POST, "/v1/uploads").header("upload-concat", "final;/v1/uploads/a /v1/uploads/b"),
+    ];
+    for part in parts {
+        let refused = problem(part.send().await.unwrap(), 400, "invalid_request").await;
+        let detail = refused["detail"].as_str().unwrap();
+        assert!(detail.contains("Upload-Concat") && detail.contains("switch off parallel uploads"), "{detail}");
+    }
     let unversioned = app.post("/v1/uploads").header("upload-length", "10").send().await.unwrap();
     assert_eq!(header(&unversioned, "tus-version"), "1.0.0");
     problem(unversioned, 412, "precondition_failed").await;

@@ -78,7 +78,7 @@ def save(
         failures += 1
         if failures >= retry.attempts:
             raise reason
-        yield Sleep(retry.wait(failures, response))
+        yield Sleep(retry.wait(failures, response), reason)
     yield from _put(part, to, retry)
     return to
 
@@ -92,7 +92,7 @@ def _put(part: Path, to: Path, retry: Retry) -> Operation[None]:
             return
         except PermissionError as error:
             failures += 1
+            detail = "cannot be written: another program holds it, or the rights are missing"
             if failures >= retry.attempts:
-                detail = "cannot be written: another program holds it, or the rights are missing"
                 raise PermissionError(error.errno, detail, str(to)) from error
-        yield Sleep(retry.wait(failures))
+        yield Sleep(retry.wait(failures), PinstackError("invalid_source", f"{to} {detail}"))

@@ -94,4 +94,4 @@ def wait(path: str, retry: Retry, on_progress: Optional[OnProgress], timeout_s: 
         failures = 0 if sink.is_alive else failures + 1
         if failures >= retry.attempts:
             raise reason
-        yield Sleep(retry.wait(max(failures, 1), response))
+        yield Sleep(retry.wait(max(failures, 1), response), reason if failures else None)

@@ -84,6 +84,8 @@ class Sleep:
     """Effect: wait."""
 
     seconds: float
+    #: What went wrong before; None if nothing did.
+    reason: Optional[PinstackError] = None
 
 
 @dataclass(frozen=True)
@@ -174,8 +176,9 @@ def send(request: Request, retry: Retry) -> Operation[Response]:
             response = yield Send(request)
         except Unreachable as error:
             failures += 1
+            reason = PinstackError("unreachable", str(error))
             if failures >= retry.attempts or not request.repeatable:
-                raise PinstackError("unreachable", str(error)) from error
+                raise reason from error
         else:
             assert response is not None
             if response.is_success or response.status == 304:
@@ -186,4 +189,4 @@ def send(request: Request, retry: Retry) -> Operation[Response]:
             may_pass = was_not_taken or (request.repeatable and response.status in TEMPORARY)
             if failures >= retry.attempts or not may_pass:
                 raise reason
-        yield Sleep(retry.wait(failures, response))
+        yield Sleep(retry.wait(failures, response), reason)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from typing import Any, AsyncIterator, Callable, Dict, Iterator, Optional, TypeVar
+from urllib.parse import urlsplit
 
 import anyio
 import anyio.to_thread
@@ -47,11 +48,20 @@ class Transport:
             read = min(read, max(request.longest_s, 0.01))
         return {
             "method": request.method,
-            "url": self.url + request.path,
+            "url": self.address(request.path),
             "params": dict(request.query),
             "headers": headers,
             "timeout": httpx.Timeout(SILENCE_S, read=read, connect=15.0),
         }
+
+    def address(self, path: str) -> str:
+        """The URL of a path below the address of the service.
+
+        Links of a service below a sub-path begin with the sub-path, which the address has too.
+        """
+        sub_path = urlsplit(self.url).path
+        below = path[len(sub_path) :] if path.startswith(f"{sub_path}/v1/") else path
+        return self.url + below
 
     def unreachable(self, error: Exception) -> Unreachable:
         """What a failure of httpx means."""
@@ -100,12 +110,14 @@ def _response(response: Any) -> Response:
 class SyncTransport(Transport):
     """Runs operations, blocking. May be used by several threads.
 
-    ``sleep`` waits between two tries; it may raise to end the operation.
+    ``sleep`` waits between two tries; it may raise to end the operation. ``on_wait`` is told before, why and for how
+    many seconds.
     """
 
     def __init__(self, url: Optional[str], token: Optional[str], **options: Any) -> None:
         super().__init__(url, token)
         self.sleep: Callable[[float], None] = time.sleep
+        self.on_wait: Callable[[PinstackError, float], None] = lambda reason, seconds: None
         self._http = httpx.Client(headers=self.headers, **options)
 
     def run(self, operation: Operation[T]) -> T:
@@ -128,6 +140,8 @@ class SyncTransport(Transport):
         if isinstance(effect, Send):
             return self._send(effect.request)
         if isinstance(effect, Sleep):
+            if effect.reason is not None:
+                self.on_wait(effect.reason, effect.seconds)
             return self.sleep(effect.seconds)
         return effect.function() if isinstance(effect, Call) else time.monotonic()
 

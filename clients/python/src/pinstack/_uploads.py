@@ -65,7 +65,9 @@ def upload(
         try:
             offset, job = yield from _ask(url, source.length, retry)
         except PinstackError as error:
-            if error.status not in (404, 410) and not isinstance(error, UploadRefused):
+            # what a proxy says of the upload is no word about it
+            is_gone = error.status in (404, 410) and error.code != "unexpected_response"
+            if not is_gone and not isinstance(error, UploadRefused):
                 raise
             url = None
     if url is None:
@@ -160,7 +162,7 @@ def _send_piece(
         failures += 1
         if failures >= retry.attempts:
             raise reason
-        yield Sleep(retry.wait(failures, response))
+        yield Sleep(retry.wait(failures, response), reason)
         at, job = yield from _ask(url, source.length, retry)
         if on_bytes is not None:
             on_bytes(at, source.length)
@@ -177,10 +179,11 @@ def _read(source: Source, offset: int, size: int, retry: Retry) -> Operation[byt
             return data
         except PermissionError as error:
             failures += 1
+            detail = f"{shown(error.filename)} cannot be read: another program holds it, or the rights are missing"
+            reason = PinstackError("invalid_source", detail)
             if failures >= retry.attempts:
-                detail = f"{shown(error.filename)} cannot be read: another program holds it, or the rights are missing"
-                raise PinstackError("invalid_source", detail) from error
-        yield Sleep(retry.wait(failures))
+                raise reason from error
+        yield Sleep(retry.wait(failures), reason)
 
 
 def _ask(url: str, length: int, retry: Retry) -> Operation[Any]:
@@ -195,7 +198,7 @@ def _ask(url: str, length: int, retry: Retry) -> Operation[Any]:
         except PinstackError as error:
             if error.status in (409, 423) and failures < retry.attempts:
                 failures += 1
-                yield Sleep(retry.wait(failures))
+                yield Sleep(retry.wait(failures), error)
                 continue
             # a response to HEAD has no body: the sentence is that of GET
             raise (yield from _explained(url, error, retry)) from error

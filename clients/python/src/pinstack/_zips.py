@@ -7,6 +7,7 @@ already. Nothing is copied to the disk.
 
 from __future__ import annotations
 
+import hashlib
 import re
 import struct
 import zlib
@@ -24,6 +25,27 @@ Sendable = Union[PathLike, bytes, Sequence[PathLike], Mapping[str, Sequence[Path
 
 #: Extensions of pictures that the service reads.
 PICTURES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff"})
+#: Folders that systems, file servers and file managers put beside pictures, in lower case. Folders whose name begins
+#: with a dot are skipped too. The service and the page *Send* have the same list.
+SKIPPED_FOLDERS = frozenset(
+    {
+        "__macosx",
+        "@eadir",
+        "#recycle",
+        "#snapshot",
+        "@recycle",
+        "@recently-snapshot",
+        "@__thumb",
+        "@transcode",
+        "@tmp",
+        "$recycle.bin",
+        "recycler",
+        "system volume information",
+        "lost+found",
+        "network trash folder",
+        "temporary items",
+    }
+)
 BLOCK = 1 << 18
 #: Bit 3: size and CRC follow the data. Bit 11: names are UTF-8.
 FLAGS = 0x0808
@@ -162,14 +184,17 @@ class StoredZip(Source):
             raise PinstackError("invalid_source", "the list of slices is empty")
         return cls(members, name="stack.zip")
 
-    def fingerprint(self) -> str:
-        """A text that changes when a name, size or time of a file changes."""
-        crc = 0
-        for member in self.members:
-            crc = zlib.crc32(
-                f"{member.name}\0{member.size}\0{member.modified_ns}\n".encode("utf-8", "surrogatepass"), crc
-            )
-        return f"{len(self.members)}-{self.length}-{crc:08x}"
+    def shape(self) -> str:
+        """A text that changes when a name or size of a file changes."""
+        return _digest((member.name, member.size) for member in self.members)
+
+    def times(self) -> str:
+        """A text that changes when the time of a file changes."""
+        return _digest(member.modified_ns for member in self.members)
+
+    def content(self) -> str:
+        """A text that changes when a name or the content of a file changes. Reads what was not read yet."""
+        return _digest((member.name, member.size, self._crc(at)) for at, member in enumerate(self.members))
 
     def read(self, offset: int, size: int) -> bytes:
         pieces: List[bytes] = []
@@ -236,9 +261,14 @@ def is_picture(path: PurePath) -> bool:
     return path.suffix.lower() in PICTURES
 
 
+def is_skipped_folder(name: str) -> bool:
+    """Whether nothing below a folder of this name is sent."""
+    return name.startswith(".") or name.lower() in SKIPPED_FOLDERS
+
+
 def is_sent(relative: PurePath) -> bool:
     """Whether a file below a folder is sent with it: a picture or a manifest, not hidden, not made by a system."""
-    if any(part.startswith(".") or part == "__MACOSX" for part in relative.parts):
+    if relative.name.startswith(".") or any(is_skipped_folder(part) for part in relative.parts[:-1]):
         return False
     return is_picture(relative) or relative.name.lower() == "manifest.json"
 
@@ -269,6 +299,13 @@ def source(sendable: Sendable) -> Source:
 def utf8(text: str) -> bytes:
     """A text as UTF-8. What is not valid text in a file name (lone surrogates) becomes ``_``."""
     return re.sub(r"[\ud800-\udfff]", "_", text).encode("utf-8")
+
+
+def _digest(values: Iterable[object]) -> str:
+    digest = hashlib.sha256()
+    for value in values:
+        digest.update(f"{value!r}\n".encode("utf-8", "surrogatepass"))
+    return digest.hexdigest()
 
 
 def _changed(path: Path, size: int, now: int) -> PinstackError:

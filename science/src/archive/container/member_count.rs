@@ -6,14 +6,14 @@ use crate::{archive::ArchiveLimits, types::ReadAt};
 
 /// Signatures of the end record, of the zip64 locator before it, and of the zip64 end record.
 const END: &[u8] = b"PK\x05\x06";
-const ZIP64_LOCATOR: &[u8] = b"PK\x06\x07";
-const ZIP64_END: &[u8] = b"PK\x06\x06";
+pub(super) const ZIP64_LOCATOR: &[u8] = b"PK\x06\x07";
+pub(super) const ZIP64_END: &[u8] = b"PK\x06\x06";
 /// Signature of the header of a member in the directory.
-const MEMBER: &[u8] = b"PK\x01\x02";
+pub(super) const MEMBER: &[u8] = b"PK\x01\x02";
 
 /// Lengths without comment and extensible data, bytes.
 const END_BYTES: u64 = 22;
-const ZIP64_LOCATOR_BYTES: u64 = 20;
+pub(super) const ZIP64_LOCATOR_BYTES: u64 = 20;
 const ZIP64_END_BYTES: u64 = 56;
 
 /// Bytes that are read at most to parse a directory, as a constant and per member. The library reads the header of a
@@ -66,20 +66,26 @@ pub(super) fn declared(file: &dyn ReadAt, tail: &[u8], length: u64) -> io::Resul
 }
 
 /// The fields of an end record.
-struct EndRecord {
+pub(super) struct EndRecord {
     /// Both numbers of files of a split zip; 0 for a zip in one file.
     files: u64,
     /// Members in this file, and in all files.
-    members: u64,
+    pub members: u64,
     all_members: u64,
     /// Length and offset of the directory, bytes.
-    directory_bytes: u64,
-    directory_at: u64,
+    pub directory_bytes: u64,
+    pub directory_at: u64,
     /// Length of the comment, bytes.
     comment: u64,
 }
 
 impl EndRecord {
+    /// The last end record of a file, and its position. `tail` holds the last bytes of the file of `length` bytes.
+    pub(super) fn last(tail: &[u8], length: u64) -> Option<(Self, u64)> {
+        let record = &tail[tail.windows(END.len()).rposition(|window| window == END)?..];
+        Some((Self::of(record)?, length - record.len() as u64))
+    }
+
     fn of(record: &[u8]) -> Option<Self> {
         Some(Self {
             files: number(record, 4, 4)?,
@@ -96,7 +102,7 @@ impl EndRecord {
         self.all_members == u64::from(u16::MAX) || directory_bytes.max(directory_at) == u64::from(u32::MAX)
     }
 
-    fn is_of_one_file(&self) -> bool {
+    pub(super) fn is_of_one_file(&self) -> bool {
         self.files == 0 && self.members == self.all_members
     }
 
@@ -133,7 +139,7 @@ fn bytes_at<const N: usize>(file: &dyn ReadAt, at: u64) -> io::Result<[u8; N]> {
 }
 
 /// The little-endian number in `length` bytes from `at` on.
-fn number(bytes: &[u8], at: usize, length: usize) -> Option<u64> {
+pub(super) fn number(bytes: &[u8], at: usize, length: usize) -> Option<u64> {
     let field = bytes.get(at..at + length)?;
     Some(field.iter().rev().fold(0, |value, &byte| value << 8 | u64::from(byte)))
 }

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::view::{Angle, AxisRule, ScanRules};
+use crate::types::view::leading_number;
 
 /// What a name says about the angles of a view.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -68,31 +69,11 @@ fn only(name: &str, word: &str) -> Option<Number> {
         let after = at + word.len();
         let joined = name[after..].starts_with(['=', '_', ' ']);
         let start = after + usize::from(joined);
-        let (value, length) = number(&name[start..])?;
+        let (value, length) = leading_number(&name[start..])?;
         Some(Number { range: at..start + length, value, is_assigned: name[after..].starts_with('=') })
     });
     let first = numbers.next()?;
     numbers.next().is_none().then_some(first)
-}
-
-/// The decimal number at the start of a text, with `.` or `p` as decimal point, and its length in bytes.
-fn number(text: &str) -> Option<(f64, usize)> {
-    let signed = usize::from(text.starts_with(['-', '+']));
-    let digits = |from: usize| text[from..].bytes().take_while(u8::is_ascii_digit).count();
-    let whole = digits(signed);
-    let mut end = signed + whole;
-    let mut written = text[..end].trim_start_matches('+').to_owned();
-    if text[end..].starts_with(['.', 'p']) {
-        let fraction = digits(end + 1);
-        if fraction > 0 {
-            written = format!("{written}.{}", &text[end + 1..end + 1 + fraction]);
-            end += 1 + fraction;
-        }
-    }
-    if whole == 0 || end > 16 {
-        return None;
-    }
-    Some((written.parse().ok()?, end))
 }
 
 /// Tilt and pan of `image_0001_-70_0`: number, tilt, pan.
@@ -103,7 +84,7 @@ fn numbered(name: &str) -> Option<(f64, f64)> {
     if parts.next().is_some() || count.is_empty() || !count.bytes().all(|b| b.is_ascii_digit()) {
         return None;
     }
-    let whole = |text: &str| number(text).filter(|(_, length)| *length == text.len()).map(|(value, _)| value);
+    let whole = |text: &str| leading_number(text).filter(|(_, length)| *length == text.len()).map(|(value, _)| value);
     Some((whole(tilt)?, whole(pan)?))
 }
 
@@ -126,7 +107,7 @@ fn rest(name: &str, mut used: Vec<Range<usize>>) -> Option<String> {
             label.push(c);
         }
     }
-    let label = label.trim_matches(['_', '-', ' ', '.']);
+    let label = label.trim_matches(['_', '-', ' ', '.', ',']);
     label.chars().any(char::is_alphanumeric).then(|| label.to_owned())
 }
 
@@ -145,6 +126,12 @@ mod tests {
             ("pan020p5_tilt-06", found(Some(20.5), Some(-6.0), None)),
             ("x=6/y=120", found(Some(120.0), Some(6.0), None)),
             ("Bee 4/Tilt=-6/Pan=7.25", found(Some(7.25), Some(-6.0), Some("Bee 4"))),
+            ("pan022,5_tilt-7,5", found(Some(22.5), Some(-7.5), None)),
+            ("pan=7,25/tilt=10,5", found(Some(7.25), Some(10.5), None)),
+            ("tilt_12,5_pan_337,5_a", found(Some(337.5), Some(12.5), Some("a"))),
+            ("x=6,5/y=120", found(Some(120.0), Some(6.5), None)),
+            ("image_0001_-7,5_0", found(Some(0.0), Some(-7.5), None)),
+            ("pan22,left", found(Some(22.0), None, Some("left"))),
             ("bee_pan_40", found(Some(40.0), None, Some("bee"))),
             ("_x_00190_y_00000", found(None, None, Some("x_00190_y_00000"))),
             ("image_0001_-70_0", found(Some(0.0), Some(-70.0), None)),

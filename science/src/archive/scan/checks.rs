@@ -5,10 +5,11 @@ use std::collections::{BTreeMap, HashMap};
 use super::view::Group;
 use crate::{
     archive::{
-        Light,
+        Light, copies,
+        members::Member,
         messages::{listed, one_or_more, slices_of},
     },
-    types::{Error, ErrorKind, Warning, WarningCode, error::ErrorLocation},
+    types::{Error, ErrorKind, Warning, WarningCode, error::ErrorLocation, text::folded},
 };
 
 /// Views whose errors are listed.
@@ -63,12 +64,19 @@ pub(super) fn wrong_counts(group: &Group) -> Option<String> {
         (1, _) => Some(format!("{name} has one front-light slice; a stack needs two or more: add them, or remove it")),
         (_, 0) => None,
         _ if front != back => Some(format!(
-            "{name} has {} and {}; both need the same number: add what is missing, or remove the view",
+            "{name} has {} and {}; both need the same number{}: add what is missing, or remove the view",
             slices_of(front, Light::Front),
-            slices_of(back, Light::Back)
+            slices_of(back, Light::Back),
+            copied(group).map_or(String::new(), |copied| format!(" ({copied})"))
         )),
         _ => None,
     }
+}
+
+/// A clause about copies among the slices of a view.
+fn copied(group: &Group) -> Option<String> {
+    let names = |members: &[Member]| members.iter().map(|member| member.name.clone()).collect::<Vec<_>>();
+    [&group.front, &group.back].into_iter().find_map(|members| copies::copied(&names(members)))
 }
 
 /// The views that have the angles or the label of an earlier one and would replace it: position, and a sentence.
@@ -81,7 +89,7 @@ pub(super) fn same_views(groups: &[Group]) -> Vec<(usize, String)> {
         let key = match group.angles() {
             // equal angles are an error whatever the labels say
             Some(_) => (key, None),
-            None => (key, Some(group.label.as_deref().unwrap_or_default().to_lowercase())),
+            None => (key, Some(folded(group.label.as_deref().unwrap_or_default()))),
         };
         if let Some(other) = seen.insert(key, group.shown()) {
             let (what, advice) = match group.angles() {

@@ -8,7 +8,7 @@ use std::{
     ops::Range,
 };
 
-use crate::archive::natural_order;
+use crate::{archive::notation::Notation, types::text::folded};
 
 /// Words that come before the number of a slice.
 const FOCUS: [&str; 14] =
@@ -16,7 +16,7 @@ const FOCUS: [&str; 14] =
 
 /// Which number is that of the slice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Rule {
+enum Rule {
     /// The number after a word for focus.
     FocusWord,
     /// The last number.
@@ -34,21 +34,29 @@ pub(super) struct Parts {
     pub number: String,
 }
 
-/// Takes a name without folder and extension apart; `None` when it has no number of that kind.
-pub(super) fn parts(stem: &str, rule: Rule) -> Option<Parts> {
-    let numbers = natural_order::numbers(stem);
-    let (cut, number) = match rule {
-        Rule::LastNumber => numbers.last().map(|number| (number.start, number.clone()))?,
-        Rule::FocusWord => numbers.iter().rev().find_map(|n| Some((focus_word(stem, n)?, n.clone())))?,
-    };
-    let (before, after) = (&stem[..cut], &stem[number.end..]);
-    let is_separator = |c: char| !c.is_alphanumeric();
-    let (head, tail) = (before.trim_matches(is_separator), after.trim_matches(is_separator));
-    let label = match (head.is_empty(), tail.is_empty()) {
-        (false, false) => format!("{head}_{tail}"),
-        _ => format!("{head}{tail}"),
-    };
-    Some(Parts { key: format!("{before}\0{after}").to_lowercase(), label, number: stem[number].to_owned() })
+/// How the names of one folder are read.
+pub(super) struct Reading {
+    rule: Rule,
+    notation: Notation,
+}
+
+impl Reading {
+    /// Takes a name without folder and extension apart; `None` when it has no number of that kind.
+    pub(super) fn parts(&self, stem: &str) -> Option<Parts> {
+        let mut numbers = self.notation.numbers(stem).into_iter().map(|number| number.range);
+        let (cut, number) = match self.rule {
+            Rule::LastNumber => numbers.next_back().map(|number| (number.start, number))?,
+            Rule::FocusWord => numbers.rev().find_map(|number| Some((focus_word(stem, &number)?, number)))?,
+        };
+        let (before, after) = (&stem[..cut], &stem[number.end..]);
+        let is_separator = |c: char| !c.is_alphanumeric();
+        let (head, tail) = (before.trim_matches(is_separator), after.trim_matches(is_separator));
+        let label = match (head.is_empty(), tail.is_empty()) {
+            (false, false) => format!("{head}_{tail}"),
+            _ => format!("{head}{tail}"),
+        };
+        Some(Parts { key: folded(&format!("{before}\0{after}")), label, number: stem[number].to_owned() })
+    }
 }
 
 /// The start of the word for focus directly before a number.
@@ -66,14 +74,17 @@ fn focus_word(stem: &str, number: &Range<usize>) -> Option<usize> {
 /// By focus words: at least nine of ten names have one, and there are several views with several slices. By the last
 /// number: views with several slices have four of five pictures, and the numbers begin again with each view or most
 /// views have equally many. Times (`101500-1`, `101501-2`) have neither.
-pub(super) fn several_views(stems: &[&str]) -> Option<Rule> {
-    let by_focus = Views::of(stems, Rule::FocusWord);
-    if by_focus.pictures * 10 >= stems.len() * 9 && by_focus.are_several() {
-        return Some(Rule::FocusWord);
+pub(super) fn several_views(stems: &[&str]) -> Option<Reading> {
+    let notation = Notation::of(stems.iter().copied());
+    let by_focus = Reading { rule: Rule::FocusWord, notation };
+    let views = Views::of(stems, &by_focus);
+    if views.pictures * 10 >= stems.len() * 9 && views.are_several() {
+        return Some(by_focus);
     }
-    let by_last = Views::of(stems, Rule::LastNumber);
-    let begin_again = by_last.distinct_numbers * 4 <= by_last.pictures * 3;
-    (by_last.are_several() && (begin_again || by_last.are_equal())).then_some(Rule::LastNumber)
+    let by_last = Reading { rule: Rule::LastNumber, ..by_focus };
+    let views = Views::of(stems, &by_last);
+    let begin_again = views.distinct_numbers * 4 <= views.pictures * 3;
+    (views.are_several() && (begin_again || views.are_equal())).then_some(by_last)
 }
 
 /// The views that a rule gives.
@@ -87,10 +98,10 @@ struct Views {
 }
 
 impl Views {
-    fn of(stems: &[&str], rule: Rule) -> Self {
+    fn of(stems: &[&str], reading: &Reading) -> Self {
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();
         let mut numbers = HashSet::new();
-        for parts in stems.iter().filter_map(|stem| parts(stem, rule)) {
+        for parts in stems.iter().filter_map(|stem| reading.parts(stem)) {
             *counts.entry(parts.key).or_default() += 1;
             numbers.insert(parts.number);
         }
@@ -116,6 +127,10 @@ impl Views {
 mod tests {
     use super::*;
 
+    fn parts(name: &str, rule: Rule) -> Option<Parts> {
+        Reading { rule, notation: Notation::default() }.parts(name)
+    }
+
     #[test]
     fn the_number_of_the_slice_is_found_in_the_names_of_several_programs() {
         for (name, label, number) in [
@@ -135,12 +150,27 @@ mod tests {
 
     #[test]
     fn one_stack_is_not_taken_for_several_views() {
+        let several_views = |stems: &[&str]| several_views(stems).map(|reading| reading.rule);
         let times = ["101500-1", "101500-2", "101501-3", "101502-4", "101502-5"];
         assert_eq!(several_views(&times), None);
         let counter = ["IMG_0001", "IMG_0002", "IMG_0003"];
         assert_eq!(several_views(&counter), None);
         let counter_and_step = ["1_step_10", "2_step_20", "3_step_30"];
         assert_eq!(several_views(&counter_and_step), None);
+        for one in [
+            &["z0", "z0.25", "z0.5", "z0.75", "z1.0", "z1.25"][..],
+            &["z0.00", "z0.25", "z0.50", "z0.75", "z1.00", "z1.25"],
+            &["1,125mm", "1,25mm", "1,5mm", "1,75mm"],
+            &["z-2", "z-1", "z0", "z1", "z2"],
+            &["z-2", "z-1", "z+0", "z+1", "z+2"],
+            &["z_-0.75", "z_-0.5", "z_-0.25", "z_0.0", "z_0.25"],
+            &["focus -2", "focus -1", "focus 0", "focus 1"],
+        ] {
+            assert_eq!(several_views(one), None, "{one:?}");
+        }
+        let decimals = ["a_z-0.5", "a_z0", "a_z0.5", "b_z-0.5", "b_z0", "b_z0.5"];
+        assert_eq!(several_views(&decimals), Some(Rule::FocusWord));
+        assert_eq!(several_views(&["a1.01", "a1.02", "a2.01", "a2.02"]), Some(Rule::LastNumber), "view and slice");
         assert_eq!(several_views(&["a_1", "a_2", "b_1", "b_2"]), Some(Rule::LastNumber));
         assert_eq!(several_views(&["a_1", "a_2", "b_3", "b_4"]), Some(Rule::LastNumber));
     }

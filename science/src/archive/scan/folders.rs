@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 
 use crate::{
     archive::{light::Light, messages::invalid},
-    types::Error,
+    types::{Error, text::folded},
 };
 
 /// What one folder holds.
@@ -25,7 +25,7 @@ const TARGETS: &str = "calibration calib target dots";
 
 /// Why the pictures in `folder` are no slices of a view; `None` when they may be.
 pub(super) fn no_view(folder: &str) -> Option<&'static str> {
-    let parts: Vec<String> = folder.split('/').map(str::to_lowercase).collect();
+    let parts: Vec<String> = folder.split('/').map(folded).collect();
     let is_in = |names: &str| parts.iter().any(|part| names.split(' ').any(|name| name == part));
     if is_in(RESULTS) {
         return Some("its folder holds results, not slices");
@@ -63,7 +63,8 @@ fn split(folder: &str) -> Vec<&str> {
 /// The number of leading parts that all have in common, up to the first that `ends`.
 fn common(all: &[Vec<&str>], ends: impl Fn(&str) -> bool) -> usize {
     let Some(first) = all.first() else { return 0 };
-    let same = |at: usize| all.iter().all(|parts| parts.get(at) == first.get(at));
+    let part = |parts: &[&str], at: usize| parts.get(at).map(|part| folded(part));
+    let same = |at: usize| all.iter().all(|parts| part(parts, at) == part(first, at));
     (0..first.len()).find(|&at| ends(first[at]) || !same(at)).unwrap_or(first.len())
 }
 
@@ -100,9 +101,9 @@ fn accept_pairs<'a>(places: &mut [Place], parts: impl Iterator<Item = &'a [&'a s
     let mut lights: BTreeMap<String, HashSet<Light>> = BTreeMap::new();
     for (place, read) in places.iter().zip(&read) {
         let Place { view, light, .. } = read.as_ref().unwrap_or(place);
-        lights.entry(view.to_lowercase()).or_default().insert(light.unwrap_or(Light::Front));
+        lights.entry(folded(view)).or_default().insert(light.unwrap_or(Light::Front));
     }
-    let is_pair = |place: &Place| lights.get(&place.view.to_lowercase()).is_some_and(|lights| lights.len() == 2);
+    let is_pair = |place: &Place| lights.get(&folded(&place.view)).is_some_and(|lights| lights.len() == 2);
     if !read.iter().flatten().any(is_pair) {
         return;
     }

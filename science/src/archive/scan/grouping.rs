@@ -9,15 +9,14 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use super::{
-    angles,
-    file_names::{self, Rule},
+    angles, file_names,
     folders::{self, Place},
     manifest::ListedViews,
     view::{Group, Ignored, ScanRules},
 };
 use crate::{
-    archive::{layout::Split, light::Light, member_names, members::Member, natural_order},
-    types::{Error, Warning},
+    archive::{layout::Split, light::Light, member_names, members::Member, natural_order, slice_order},
+    types::{Error, Warning, text::folded},
 };
 
 /// Whether folders that enclose all views are a part of the names of the views.
@@ -81,7 +80,7 @@ pub(super) fn group(
         }
     };
     sort(&mut groups);
-    natural_order::sort(&mut ignored, |file| &file.name, &mut Vec::new());
+    natural_order::sort(&mut ignored, |file| &file.name);
     Ok((groups, ignored))
 }
 
@@ -102,13 +101,13 @@ fn by_names(
     for member in pictures {
         let Some(place) = places.get(member.folder()) else { continue };
         let stem = member_names::stem(member_names::base(&member.name)).to_owned();
-        let in_name = if with_light.contains(member.folder()) { folders::light_in(&stem) } else { None };
+        let in_name = if with_light.contains(&folded(member.folder())) { folders::light_in(&stem) } else { None };
         let (light, stem) = match (place.light, in_name) {
             (Some(light), _) => (light, stem),
             (None, Some((light, rest))) => (light, rest),
             (None, None) => (Light::Front, stem),
         };
-        let view = views.entry(place.view.to_lowercase()).or_insert_with(|| (place.view.clone(), Vec::new()));
+        let view = views.entry(folded(&place.view)).or_insert_with(|| (place.view.clone(), Vec::new()));
         view.1.push(Sorted { member, light, stem });
     }
     let mut groups = Vec::new();
@@ -119,16 +118,16 @@ fn by_names(
 }
 
 /// The folders whose file names tell the lights: without a light of their own, and with both lights in the names.
-fn folders_with_lights_in_names<'a>(pictures: &'a [Member], places: &HashMap<&str, Place>) -> HashSet<String> {
-    let mut lights: HashMap<&'a str, HashSet<Option<Light>>> = HashMap::new();
+fn folders_with_lights_in_names(pictures: &[Member], places: &HashMap<&str, Place>) -> HashSet<String> {
+    let mut lights: HashMap<String, HashSet<Option<Light>>> = HashMap::new();
     for member in pictures {
         if places.get(member.folder()).is_some_and(|place| place.light.is_none()) {
             let stem = member_names::stem(member_names::base(&member.name));
-            lights.entry(member.folder()).or_default().insert(folders::light_in(stem).map(|(light, _)| light));
+            lights.entry(folded(member.folder())).or_default().insert(folders::light_in(stem).map(|(light, _)| light));
         }
     }
     let has_both = |lights: &HashSet<Option<Light>>| lights.contains(&Some(Light::Back)) && lights.len() > 1;
-    lights.into_iter().filter(|(_, lights)| has_both(lights)).map(|(folder, _)| folder.to_owned()).collect()
+    lights.into_iter().filter(|(_, lights)| has_both(lights)).map(|(folder, _)| folder).collect()
 }
 
 /// The views of one folder: one, or several by the names of the files.
@@ -139,10 +138,10 @@ fn of_folder(
     ignored: &mut Vec<Ignored>,
     warnings: &mut Vec<Warning>,
 ) -> Vec<Group> {
-    let Some(rule) = rule_of(&pictures) else { return vec![view(folder, pictures, naming, warnings)] };
+    let Some(reading) = reading_of(&pictures) else { return vec![view(folder, pictures, naming, warnings)] };
     let mut views: BTreeMap<String, (String, Vec<Sorted>)> = BTreeMap::new();
     for picture in pictures {
-        match file_names::parts(&picture.stem, rule) {
+        match reading.parts(&picture.stem) {
             Some(parts) => views.entry(parts.key).or_insert_with(|| (parts.label, Vec::new())).1.push(picture),
             None => ignored.push(Ignored {
                 name: picture.member.name,
@@ -154,8 +153,8 @@ fn of_folder(
     views.into_values().map(|(label, pictures)| view(&name(&label), pictures, naming, warnings)).collect()
 }
 
-/// The rule by which the files of a folder fall into views, from the light with more files.
-fn rule_of(pictures: &[Sorted]) -> Option<Rule> {
+/// How the names of the files of a folder tell its views, from the light with more files.
+fn reading_of(pictures: &[Sorted]) -> Option<file_names::Reading> {
     let stems = |light: Light| -> Vec<&str> {
         pictures.iter().filter(|picture| picture.light == light).map(|picture| picture.stem.as_str()).collect()
     };
@@ -172,8 +171,8 @@ fn view(name: &str, pictures: Vec<Sorted>, naming: &Naming, warnings: &mut Vec<W
             Light::Back => back.push(member),
         }
     }
-    natural_order::sort(&mut front, |member| &member.name, warnings);
-    natural_order::sort(&mut back, |member| &member.name, warnings);
+    slice_order::sort(&mut front, |member| &member.name, warnings);
+    slice_order::sort(&mut back, |member| &member.name, warnings);
     let Naming { rules, around, enclosing } = naming;
     let angles::NamedAngles { pan_deg, tilt_deg, rest } = angles::read(name, rules);
     // a tilt that all views have is in a folder that encloses them: x=6/y=0, x=6/y=120
@@ -189,8 +188,8 @@ fn view(name: &str, pictures: Vec<Sorted>, naming: &Naming, warnings: &mut Vec<W
 }
 
 /// By tilt, then by pan; then those without angles, in natural order.
-fn sort(groups: &mut [Group]) {
-    natural_order::sort(groups, |group| group.shown(), &mut Vec::new());
+fn sort(groups: &mut Vec<Group>) {
+    natural_order::sort(groups, |group| group.shown());
     let angle = |angle: Option<f64>| angle.unwrap_or(f64::INFINITY);
     groups.sort_by(|a, b| {
         let tilt = angle(a.tilt_deg).total_cmp(&angle(b.tilt_deg));

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use super::{folders, view::Group};
 use crate::{
     archive::{manifest::json, member_names, members::Member, messages::invalid},
-    types::Error,
+    types::{Error, text::folded},
 };
 
 /// Name of the file, in the root or in a folder that encloses everything.
@@ -61,7 +61,8 @@ pub(super) fn find<'a>(others: &'a [Member], pictures: &[Member]) -> Option<&'a 
 
 /// True when `inner` is `folder` or in it.
 fn is_within(inner: &str, folder: &str) -> bool {
-    folder.is_empty() || inner.strip_prefix(folder).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+    let (inner, folder) = (folded(inner), folded(folder));
+    folder.is_empty() || inner.strip_prefix(&folder).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }
 
 /// Refuses a manifest that is too large to read.
@@ -103,14 +104,14 @@ struct Pictures<'a> {
 
 impl<'a> Pictures<'a> {
     fn new(pictures: &'a [Member], folder: &str) -> Self {
-        let by_name = pictures.iter().map(|member| (member.name.to_lowercase(), member)).collect();
-        let folder = if folder.is_empty() { String::new() } else { format!("{}/", folder.to_lowercase()) };
+        let by_name = pictures.iter().map(|member| (folded(&member.name), member)).collect();
+        let folder = if folder.is_empty() { String::new() } else { format!("{}/", folded(folder)) };
         Self { by_name, folder }
     }
 
     /// Names are relative to the folder of the manifest, or to the root.
     fn take(&mut self, file: &str, view: &str, name: &str) -> Result<Member, Error> {
-        let small = name.replace('\\', "/").to_lowercase();
+        let small = folded(&name.replace('\\', "/"));
         let relative = format!("{}{small}", self.folder);
         let found = self.by_name.remove(&relative).or_else(|| self.by_name.remove(&small));
         found.cloned().ok_or_else(|| {

@@ -99,7 +99,7 @@ pub fn group_names(names: &[String], listed: Option<&[u8]>, rules: &ScanRules) -
         layout::twins(&split.pictures).into_iter().map(|(member, detail)| (member.index, detail)).collect();
     let (groups, others) = grouping::group(split, listed, rules, Enclosing::Kept, &mut warnings)?;
     ignored.extend(others);
-    natural_order::sort(&mut ignored, |file| &file.name, &mut Vec::new());
+    natural_order::sort(&mut ignored, |file| &file.name);
     let mut same: HashMap<usize, String> = checks::same_views(&groups).into_iter().collect();
     let views = groups.into_iter().enumerate().map(|(at, group)| {
         let in_two_formats = || group.front.iter().chain(&group.back).find_map(|member| twins.get(&member.index));

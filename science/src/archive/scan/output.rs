@@ -7,8 +7,8 @@ use std::{
 
 use super::view::{Group, ScanView};
 use crate::{
-    archive::{ArchiveLimits, container::Container, member_names, members::Member, natural_order},
-    types::Error,
+    archive::{ArchiveLimits, container::Container, member_names, members::Member, slice_order},
+    types::{Error, text::folded},
 };
 
 /// The name of the list of slices, which [`open`](crate::archive::open) reads.
@@ -53,8 +53,7 @@ impl Group {
 /// slices from several folders have the same name, all begin with their number.
 fn named(members: &[Member], folder: &str) -> Vec<String> {
     let mut stems = HashSet::new();
-    let mut is_new =
-        |member: &Member| stems.insert(member_names::stem(member_names::base(&member.name)).to_lowercase());
+    let mut is_new = |member: &Member| stems.insert(folded(member_names::stem(member_names::base(&member.name))));
     let all_differ = members.iter().all(&mut is_new);
     let name = |(index, member): (usize, &Member)| {
         let base = member_names::base(&member.name);
@@ -70,7 +69,7 @@ fn named(members: &[Member], folder: &str) -> Vec<String> {
 fn manifest(front: &[String], back: &[String]) -> Option<Vec<u8>> {
     let is_natural = |names: &[String]| {
         let mut sorted: Vec<&String> = names.iter().collect();
-        natural_order::sort(&mut sorted, |name| name.as_str(), &mut Vec::new());
+        slice_order::sort(&mut sorted, |name| name.as_str(), &mut Vec::new());
         sorted.into_iter().eq(names)
     };
     if is_natural(front) && is_natural(back) {

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     fusion::plan::Plan,
     imaging::{Coverage, Sample, grey, warp::Warp},
-    quality::slice::{Fingerprint, RowMeasurements, SliceMeter},
+    quality::slice::{Cells, Fingerprint, RowMeasurements, SliceMeter},
     types::{Error, Interrupted},
 };
 
@@ -35,6 +35,8 @@ pub(super) struct DecodedSlice<S> {
 pub(super) struct BandContext<'a> {
     pub plan: &'a Plan,
     pub meter: Option<&'a SliceMeter<'a>>,
+    /// The cells in which the brightness of the slices is measured.
+    pub light: Cells,
     pub scratch: ScratchFile,
     pub sharpest: Sharpest<'a>,
     pub focus: FocusMeasure,
@@ -84,7 +86,7 @@ impl<S: Sample> DecodedSlice<S> {
         band: usize,
         buffers: &mut Buffers<S>,
     ) -> Result<(), Interrupted> {
-        let BandContext { plan, meter, scratch, sharpest, focus } = context;
+        let BandContext { plan, meter, light, scratch, sharpest, focus } = context;
         let (slice, covered) = (self.index, self.warp.coverage());
         let rows = band * ROWS..((band + 1) * ROWS).min(plan.height);
         let warped = self.warp.rows::<S, C>(&self.samples);
@@ -98,9 +100,7 @@ impl<S: Sample> DecodedSlice<S> {
             grey::luma_row(row, C, out);
             if rows.contains(&y) && stored.is_ok() {
                 stored = scratch.write_row(slice, y, row, blocks);
-                if let Some(meter) = meter {
-                    of_samples.take_samples(meter, y, row, C, plan.slices[slice].gain);
-                }
+                of_samples.take_samples(*light, y, row, C, plan.slices[slice].gain);
             }
         };
         let mut cells = vec![0.0; focus.cells_in_rows(rows.len())];

@@ -3,11 +3,13 @@
 //! In: the slices and the plan. Out: [`Aligned`]. Slices are processed in parallel, in any order; the result does not
 //! depend on the order. A slice is decoded by one thread and then processed in bands of rows by all threads that are
 //! free ([`schedule`]). Each row is warped, measured and stored while it is in the processor's cache
-//! ([`decoded_slice`]), so a warped slice is never in memory as a whole.
+//! ([`decoded_slice`]), so a warped slice is never in memory as a whole. When all are stored, the brightness of the
+//! slices is compared, and those that flicker are read back equalised ([`equalisation`]).
 
 pub(super) mod cell_energies;
 pub(super) mod coarse_focus;
 mod decoded_slice;
+mod equalisation;
 pub(super) mod focus_code;
 pub(super) mod focus_measure;
 pub(super) mod relevance;
@@ -22,7 +24,10 @@ use rayon::Scope;
 use super::{in_flight::slices_in_flight, lock::locked, run::Run};
 use crate::{
     imaging::{Coverage, Plane, Rect, Sample},
-    quality::slice::{Fingerprint, RowMeasurements, SliceMeasurements, SliceMeter, WarpedSlice},
+    quality::{
+        flicker,
+        slice::{Brightness, Cells, Fingerprint, RowMeasurements, SliceMeasurements, SliceMeter, WarpedSlice},
+    },
     types::{Error, ErrorKind, Interrupted},
 };
 use cell_energies::CellEnergies;
@@ -81,6 +86,7 @@ pub(super) fn align<S: Sample, const C: usize>(
         bands: BandContext {
             plan,
             meter,
+            light: Cells::of(width, height),
             scratch: ScratchFile::create(run.scratch_dir, width, height, C)?,
             sharpest: Sharpest::new(&mut index, &mut largest, plan.reference),
             focus,
@@ -92,10 +98,13 @@ pub(super) fn align<S: Sample, const C: usize>(
     };
     rayon::scope(|scope| pass.call_threads::<C>(scope, in_flight));
     run.slices.free_memory();
-    let Pass { bands: BandContext { scratch, focus, .. }, cells, schedule, results, .. } = pass;
+    let Pass { bands: BandContext { mut scratch, focus, .. }, cells, schedule, results, .. } = pass;
     schedule.finish()?;
-    let (coverages, measurements): (Vec<_>, Vec<_>) = results.into_iter().filter_map(OnceLock::into_inner).unzip();
+    let results = results.into_iter().filter_map(OnceLock::into_inner);
+    let (coverages, (brightness, measurements)): (Vec<_>, (Vec<_>, Vec<_>)) = results.unzip();
     let measurements = measurements.into_iter().flatten().collect();
+    let gains: Vec<f64> = plan.slices.iter().map(|slice| slice.gain).collect();
+    scratch.equalise(flicker::corrections(&brightness, &gains, plan.reference));
     let energy = match (focus, cells) {
         (FocusMeasure::Energy(_, coarse), Some(cells)) => Some(MeasuredEnergy { largest, coarse, cells }),
         (FocusMeasure::Saliency(_) | FocusMeasure::Energy(..), _) => None,
@@ -114,8 +123,8 @@ struct Pass<'a, S> {
     buffers: Mutex<Vec<Buffers<S>>>,
     /// Number of finished slices.
     done: Mutex<usize>,
-    /// Per finished slice: what it covers, and its measurements.
-    results: Vec<OnceLock<(Coverage, Option<SliceMeasurements>)>>,
+    /// Per finished slice: what it covers, its brightness, and its measurements.
+    results: Vec<OnceLock<(Coverage, (Brightness, Option<SliceMeasurements>))>>,
 }
 
 impl<S: Sample> Pass<'_, S> {
@@ -186,12 +195,14 @@ impl<S: Sample> Pass<'_, S> {
             self.bands.scratch.read::<S>(index, rect, &mut samples, &mut Vec::new()).map(|()| samples)
         };
         let warped = WarpedSlice { samples: &read, channels: C, coverage: &coverage, gain: plan.slices[index].gain };
+        let rows = RowMeasurements::join(rows);
+        let brightness = rows.brightness::<S>(self.bands.light, &coverage, C, warped.gain);
         let measure = |(meter, fingerprint): (&SliceMeter<'_>, Fingerprint)| {
-            meter.measure(index, &warped, RowMeasurements::join(rows), fingerprint)
+            meter.measure(index, &warped, rows, brightness.clone(), fingerprint)
         };
         let measurements = self.bands.meter.zip(fingerprint).map(measure).transpose()?;
         self.results[index]
-            .set((coverage, measurements))
+            .set((coverage, (brightness, measurements)))
             .map_err(|_| Error::new(ErrorKind::Internal, "a slice was processed twice"))?;
         let mut done = locked(&self.done);
         *done += 1;

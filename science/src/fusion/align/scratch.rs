@@ -10,6 +10,7 @@ use std::{fs::File, io, os::unix::fs::FileExt, path::Path};
 
 use rayon::prelude::*;
 
+use super::equalisation::Equalisation;
 use crate::{
     imaging::{Rect, Sample, simd},
     types::{Error, ErrorKind},
@@ -29,13 +30,26 @@ pub(in crate::fusion) struct ScratchFile {
     width: usize,
     height: usize,
     channels: usize,
+    /// Per slice: how it is read back; none where it is read back as it is.
+    equalisations: Vec<Option<Equalisation>>,
 }
 
 impl ScratchFile {
     /// Creates the files in `folder` for slices of `width` x `height` px with `channels` samples per pixel.
     pub(super) fn create(folder: &Path, width: usize, height: usize, channels: usize) -> Result<Self, Error> {
         let file = |_| tempfile::tempfile_in(folder).map_err(|error| failed("create", &error));
-        Ok(Self { files: (0..FILES).map(file).collect::<Result<_, _>>()?, width, height, channels })
+        Ok(Self {
+            files: (0..FILES).map(file).collect::<Result<_, _>>()?,
+            width,
+            height,
+            channels,
+            equalisations: Vec::new(),
+        })
+    }
+
+    /// From now on, each slice is read back with its samples multiplied by these factors of its channels.
+    pub(super) fn equalise(&mut self, factors: Vec<Option<[f32; 3]>>) {
+        self.equalisations = Equalisation::of_slices(&factors);
     }
 
     /// Writes all samples of slice `index`.
@@ -99,6 +113,12 @@ impl ScratchFile {
                 }
             }
         }
+        let Some(Some(equalisation)) = self.equalisations.get(index) else { return Ok(()) };
+        let mut beside = Vec::new();
+        if let Some(slice) = equalisation.beside {
+            self.read(slice, rect, &mut beside, bytes)?;
+        }
+        equalisation.apply(samples, &beside, self.channels);
         Ok(())
     }
 

@@ -3,6 +3,7 @@
 
 mod displacements;
 mod faulty_stack;
+mod foreign;
 mod tables;
 
 use std::sync::LazyLock;

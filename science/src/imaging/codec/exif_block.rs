@@ -41,20 +41,22 @@ const MAX_FIELDS: usize = 1_000;
 
 /// A TIFF structure in memory: an EXIF block or a whole TIFF file. Untrusted; a defect in one place does not hide the
 /// rest.
-struct Structure<'a> {
+pub(super) struct Structure<'a> {
     data: &'a [u8],
     little: bool,
 }
 
 /// One entry of a directory.
-struct Entry<'a> {
-    number: u16,
+pub(super) struct Entry<'a> {
+    /// The tag.
+    pub(super) number: u16,
     kind: u16,
     value: &'a [u8],
 }
 
 impl<'a> Structure<'a> {
-    fn of(data: &'a [u8]) -> Option<Self> {
+    /// `None` for other data.
+    pub(super) fn of(data: &'a [u8]) -> Option<Self> {
         match data.get(..4)? {
             [b'I', b'I', 42, 0] => Some(Self { data, little: true }),
             [b'M', b'M', 0, 42] => Some(Self { data, little: false }),
@@ -74,12 +76,13 @@ impl<'a> Structure<'a> {
         self.data.get(at..)?.first_chunk().map(|bytes| self.short(*bytes))
     }
 
-    fn long_at(&self, at: usize) -> Option<u32> {
+    /// Four bytes.
+    pub(super) fn long_at(&self, at: usize) -> Option<u32> {
         self.data.get(at..)?.first_chunk().map(|bytes| self.long(*bytes))
     }
 
     /// The entries of the directory at `offset` whose values are readable.
-    fn entries(&self, offset: u32) -> Vec<Entry<'a>> {
+    pub(super) fn entries(&self, offset: u32) -> Vec<Entry<'a>> {
         let start = offset as usize;
         let count = usize::from(self.short_at(start).unwrap_or(0));
         (0..count)
@@ -104,13 +107,14 @@ impl<'a> Structure<'a> {
     }
 
     /// The entries of the directory to which the tag `pointer` in `entries` points.
-    fn child(&self, entries: &[Entry<'a>], pointer: Tag) -> Vec<Entry<'a>> {
+    pub(super) fn child(&self, entries: &[Entry<'a>], pointer: Tag) -> Vec<Entry<'a>> {
         let found = entries.iter().find(|entry| entry.number == pointer.number());
         let offset = found.and_then(|entry| entry.value.first_chunk()).map(|bytes| self.long(*bytes));
         offset.map(|offset| self.entries(offset)).unwrap_or_default()
     }
 
-    fn value(&self, entry: &Entry<'_>) -> Value {
+    /// The value of an entry.
+    pub(super) fn value(&self, entry: &Entry<'_>) -> Value {
         let bytes = entry.value;
         let (pairs, quads) = (bytes.as_chunks::<2>().0, bytes.as_chunks::<4>().0);
         let longs = || quads.iter().map(|b| self.long(*b));
@@ -163,7 +167,11 @@ pub(super) fn taken(block: &[u8]) -> Option<CaptureTime> {
     let exif = structure.child(&primary, Tag::ExifIFDPointer);
     let found = exif.iter().find(|entry| entry.number == Tag::DateTimeOriginal.number())?;
     let Value::Ascii(lines) = structure.value(found) else { return None };
-    let text = std::str::from_utf8(lines.first()?).ok()?;
+    capture_time(std::str::from_utf8(lines.first()?).ok()?)
+}
+
+/// The time in a text `YYYY:MM:DD hh:mm:ss`; `None` for another text, and for one that is no time.
+pub(super) fn capture_time(text: &str) -> Option<CaptureTime> {
     let numbers: Vec<u64> = text.trim().split([':', ' ']).map(|part| part.parse().ok()).collect::<Option<_>>()?;
     let [year, month, day, hour, minute, second] = numbers[..] else { return None };
     // a camera whose clock is not set writes zeros
@@ -176,8 +184,18 @@ pub(super) fn taken(block: &[u8]) -> Option<CaptureTime> {
 /// The fields of a block (or of a TIFF file) that remain valid in another file with the same pixels, each tag once, and
 /// whether the block is little-endian.
 pub(super) fn kept(block: &[u8]) -> Option<(Vec<Field>, bool)> {
+    kept_of_page(block, 0)
+}
+
+/// The same for a page of a TIFF file, from 0 on.
+fn kept_of_page(block: &[u8], page: usize) -> Option<(Vec<Field>, bool)> {
     let structure = Structure::of(block)?;
-    let primary = structure.entries(structure.long_at(4)?);
+    let next = |at: u32| {
+        let entries = usize::from(structure.short_at(at as usize)?);
+        structure.long_at(at as usize + 2 + entries * 12)
+    };
+    let first = structure.long_at(4)?;
+    let primary = structure.entries((0..page).try_fold(first, |at, _| next(at))?);
     let exif = structure.child(&primary, Tag::ExifIFDPointer);
     let gps = structure.child(&primary, Tag::GPSInfoIFDPointer);
     let interop = structure.child(&exif, Tag::InteropIFDPointer);
@@ -222,9 +240,9 @@ pub(super) fn written(fields: &[Field], little_endian: bool) -> Option<Vec<u8>> 
     Some(out.into_inner())
 }
 
-/// A new block from the tags of a TIFF file.
-pub(super) fn from_tiff(file: &[u8]) -> Option<Vec<u8>> {
-    let (fields, little_endian) = kept(file)?;
+/// A new block from the tags of a page of a TIFF file.
+pub(super) fn from_tiff(file: &[u8], page: usize) -> Option<Vec<u8>> {
+    let (fields, little_endian) = kept_of_page(file, page)?;
     written(&fields, little_endian)
 }
 

@@ -16,6 +16,9 @@
 //!   trust the tag, so a wrong one is worse than none.
 //! - `FocalLengthIn35mmFilm` is an integer, which alone is an error of up to 0.5 %, and its definition differs: COLMAP
 //!   3.8 takes `tag / 35 * longer side`, COLMAP 4 and AliceVision `tag / 43.27 * diagonal`. No value is right in both.
+//! - COLMAP 3.8 reads the distance to a tenth of a millimetre. In TIFF it reads fractions wrongly: it gets a float, and
+//!   makes a fraction of it again by a continued fraction that is put together in the wrong way (121.5 becomes 123). It
+//!   reads whole numbers correctly, so both are whole, and one makes up for the rounding of the other.
 //! - COLMAP 3.8 looks up the sensor's width by `Make` and `Model` before it reads the focal plane resolution. The width
 //!   of a catalogue is wrong for a crop and for slices of reduced size.
 
@@ -47,10 +50,10 @@ const UNIQUE_CAMERA_MODEL: Tag = Tag(exif::Context::Tiff, 0xC614);
 const INCH: u16 = 2;
 const MM_PER_INCH: f64 = 25.4;
 
-/// Step to which COLMAP 3.8 rounds `FocalLength`, mm.
-const READ_TO_MM: f64 = 0.1;
-/// Above this relative rounding error the rounded length is written, and the focal plane resolution is scaled alike.
-const TOLERATED: f64 = 2e-4;
+/// Largest relative change of the distance, which the focal plane resolution makes up for.
+const SCALED_BY: f64 = 0.05;
+/// Relative error of their product that is not worth a larger change.
+const TOLERATED: f64 = 5e-5;
 
 /// The block of an upright output of `width` x `height` px, made from the picture that `block` describes, if any.
 pub(super) fn for_output(block: Option<&[u8]>, width: u32, height: u32, camera: &OutputCamera<'_>) -> Option<Vec<u8>> {
@@ -71,16 +74,16 @@ pub(super) fn for_output(block: Option<&[u8]>, width: u32, height: u32, camera: 
         new.push((Tag::ExifVersion, Value::Undefined(b"0232".to_vec(), 0)));
     }
     let mut dropped = vec![Tag::FocalLength, Tag::FocalLengthIn35mmFilm];
-    let (distance, pitch) = written_optics(camera);
+    let (distance, resolution) = written_optics(camera);
     if let Some(distance) = distance {
         new.push((Tag::FocalLength, ratio(distance)));
     }
-    if let Some(pitch) = pitch {
-        new.push((FOCAL_PLANE_X, ratio(MM_PER_INCH / pitch)));
-        new.push((FOCAL_PLANE_Y, ratio(MM_PER_INCH / pitch)));
+    if let Some(resolution) = resolution {
+        new.push((FOCAL_PLANE_X, ratio(resolution)));
+        new.push((FOCAL_PLANE_Y, ratio(resolution)));
         new.push((Tag::FocalPlaneResolutionUnit, Value::Short(vec![INCH])));
     }
-    if distance.is_some() && pitch.is_some() {
+    if distance.is_some() && resolution.is_some() {
         dropped.push(Tag::Model);
         let named = fields.iter().any(|field| field.tag == UNIQUE_CAMERA_MODEL);
         if let Some(model) = model.filter(|model| !named && !model.is_empty()) {
@@ -105,23 +108,29 @@ fn turn(fields: &mut [Field]) {
     }
 }
 
-/// Principal distance and pixel pitch as written, mm. Their quotient is exact. A distance so short that a tenth of a
-/// millimetre matters is rounded to a tenth, and the pitch is scaled by the same factor.
+/// Principal distance, mm, and focal plane resolution, pixels per inch, as written. If both are known, both are whole
+/// numbers, and their product is the exact one to within [`TOLERATED`] where the resolution is fine enough: of the
+/// distances near the true one that give such a product, the nearest is written.
 fn written_optics(camera: &OutputCamera<'_>) -> (Option<f64>, Option<f64>) {
-    let (Some(distance), Some(pitch)) = (camera.principal_distance_mm, camera.pixel_pitch_mm) else {
-        return (camera.principal_distance_mm, camera.pixel_pitch_mm);
+    let resolution = camera.pixel_pitch_mm.map(|pitch| MM_PER_INCH / pitch);
+    let (Some(distance), Some(resolution)) = (camera.principal_distance_mm, resolution) else {
+        return (camera.principal_distance_mm, resolution);
     };
-    let rounded = (distance / READ_TO_MM).round().max(1.0) * READ_TO_MM;
-    if (rounded / distance - 1.0).abs() <= TOLERATED {
-        return (Some(distance), Some(pitch));
-    }
-    (Some(rounded), Some(pitch * rounded / distance))
+    let product = distance * resolution;
+    let [least, most] = [1.0 - SCALED_BY, 1.0 + SCALED_BY].map(|factor| (distance * factor).round().max(1.0));
+    let resolution_for = |whole: f64| (product / whole).round().max(1.0);
+    let error = |whole: f64| (whole * resolution_for(whole) / product - 1.0).abs().max(TOLERATED);
+    let whole = (least as u32..=most as u32)
+        .map(f64::from)
+        .min_by(|&a, &b| error(a).total_cmp(&error(b)).then((a - distance).abs().total_cmp(&(b - distance).abs())));
+    (whole, whole.map(resolution_for))
 }
 
 /// A positive number as a rational whose parts fit signed 32 bits, because some readers interpret them as signed.
 fn ratio(number: f64) -> Value {
     let largest = f64::from(i32::MAX);
-    let denominator = (largest / number).floor().clamp(1.0, 1e6);
+    let finest = if number.fract() == 0.0 { 1.0 } else { 1e6 };
+    let denominator = (largest / number).floor().clamp(1.0, finest);
     let numerator = (number * denominator).round().clamp(1.0, largest);
     Value::Rational(vec![Rational { num: numerator as u32, denom: denominator as u32 }])
 }
@@ -149,15 +158,57 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_short_distance_is_written_to_a_tenth_and_the_quotient_stays() {
-        for distance in [0.13, 3.04, 12.345, 45.06, 121.37, 180.8] {
-            let camera =
-                OutputCamera { principal_distance_mm: Some(distance), pixel_pitch_mm: Some(0.00414), software: "" };
-            let (Some(written), Some(pitch)) = written_optics(&camera) else { panic!("both are known") };
-            assert!((written / pitch * 0.00414 / distance - 1.0).abs() < 1e-12, "{distance}");
-            let read = (written * 10.0).round() / 10.0;
-            assert!((read / written - 1.0).abs() < 5e-4, "{distance} is read as {read}");
+    /// A number of a TIFF as COLMAP 3.8 reads it: FreeImage gets the rational as a float from libtiff and makes a
+    /// fraction of it (`FIRational::FIRational(float)`).
+    fn read_by_colmap(value: &Value) -> f64 {
+        let float = number(value) as f32;
+        if float == float.trunc() {
+            return f64::from(float);
         }
+        let (mut terms, mut rest) = (Vec::new(), float);
+        while terms.len() < 4 {
+            let whole = rest.floor();
+            terms.push(f64::from(whole));
+            rest -= whole;
+            if rest == 0.0 {
+                break;
+            }
+            rest = 1.0 / rest;
+        }
+        // the last term is the denominator, where it has to be the numerator
+        let (mut numerator, mut denominator) = (1.0, terms.pop().unwrap());
+        for term in terms.into_iter().rev().take_while(|&term| term != 0.0) {
+            (numerator, denominator) = (term * numerator + denominator, numerator);
+        }
+        numerator / denominator
+    }
+
+    #[test]
+    fn the_reader_of_this_test_has_the_faults_of_colmap() {
+        // as measured with COLMAP 3.8
+        for (written, read) in [(121.5, 123.0), (121.0, 121.0), (846.667, 847.0)] {
+            assert!((read_by_colmap(&ratio(written)) - read).abs() < 0.01, "{written}");
+        }
+    }
+
+    #[test]
+    fn colmap_reads_the_focal_length_of_a_tiff_for_any_distance_and_pitch() {
+        let tenths = (30..3_000).map(|tenth| f64::from(tenth) / 10.0);
+        let odd = (1..400).map(|i| 3.0 + f64::from(i) * 2.347_3);
+        let mut worst: f64 = 0.0;
+        for distance in tenths.chain(odd).chain([0.13, 1_234.5]) {
+            for pitch in [0.0005, 0.0015, 0.0024, 0.003_76, 0.004_14, 0.0061, 0.006_25, 0.0069, 0.01, 0.017_3, 0.03] {
+                let camera =
+                    OutputCamera { principal_distance_mm: Some(distance), pixel_pitch_mm: Some(pitch), software: "" };
+                let (Some(written), Some(resolution)) = written_optics(&camera) else { panic!("both are known") };
+                let near = SCALED_BY * distance + 0.5;
+                assert!((written - distance).abs() <= near || written == 1.0, "{distance} is written as {written}");
+                // FocalLength is printed with one decimal
+                let focal = (read_by_colmap(&ratio(written)) * 10.0).round() / 10.0;
+                let read = focal * read_by_colmap(&ratio(resolution)) / MM_PER_INCH;
+                worst = worst.max((read / (distance / pitch) - 1.0).abs());
+            }
+        }
+        assert!(worst < 1e-3, "off by {worst}");
     }
 }

@@ -52,8 +52,8 @@ pub enum ImageFault {
     Damaged {
         /// Kind of file.
         format: Format,
-        /// The message of the decoder.
-        why: String,
+        /// What is wrong, in our words: those of a decoder are for its developers.
+        why: &'static str,
     },
     /// The decoder failed by a panic: the file is damaged, or the decoder does not expect its layout.
     #[error(
@@ -77,17 +77,6 @@ pub enum ImageFault {
 /// The advice for pictures in a colour format that is not supported.
 pub(super) const SAVE_PLAIN: &str = "save all slices as 8 or 16-bit grey or RGB (JPEG, PNG or TIFF)";
 
-/// Maximum length of a decoder message, characters.
-const MAX_CLAUSE: usize = 160;
-
-/// The start of a decoder message: some decoders quote whole lists of the file.
-fn shortened(clause: &str) -> String {
-    match clause.char_indices().nth(MAX_CLAUSE) {
-        Some((end, _)) => format!("{}...", &clause[..end]),
-        None => clause.to_owned(),
-    }
-}
-
 impl ImageFault {
     /// The error for the file `name` (slice `slice`, 0-based), with this fault as its source.
     pub fn in_file(&self, name: &str, slice: Option<u32>) -> Error {
@@ -100,12 +89,12 @@ impl ImageFault {
 
     /// A colour format or coding that is not supported.
     pub(super) fn unsupported(what: impl Into<String>) -> Self {
-        Self::Unsupported { what: shortened(&what.into()), advice: SAVE_PLAIN }
+        Self::Unsupported { what: what.into(), advice: SAVE_PLAIN }
     }
 
     /// A file that violates its format.
-    pub(super) fn damaged(format: Format, why: impl ToString) -> Self {
-        Self::Damaged { format, why: shortened(&why.to_string()) }
+    pub(super) fn damaged(format: Format, why: &'static str) -> Self {
+        Self::Damaged { format, why }
     }
 
     /// The fault for a failed read: an early end is a truncated file, any other error concerns the reader.

@@ -1,13 +1,15 @@
 //! The metadata of a picture file: ICC profile and EXIF.
 
+use std::borrow::Cow;
+
 use exif::Tag;
 
-use super::{exif_block, exif_output, exif_output::OutputCamera};
+use super::{exif_block, exif_output, exif_output::OutputCamera, icc};
 
 /// ICC profile and EXIF of a picture file.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Metadata {
-    /// The ICC profile.
+    /// The ICC profile: that of the file, or one for the colour space that the file declares in another way.
     pub icc: Option<Vec<u8>>,
     /// EXIF as a TIFF-structured block (`II*\0` or `MM\0*` first), without the `Exif\0\0` of JPEG.
     pub exif: Option<Vec<u8>>,
@@ -42,11 +44,15 @@ impl Metadata {
         exif_block::text(self.exif.as_deref()?, Tag::Software)
     }
 
-    /// The ICC profile, if it is for a picture of `channels` channels. A CMYK profile in an RGB file would silently
-    /// give wrong colours.
-    pub(super) fn icc_for(&self, channels: usize) -> Option<&[u8]> {
+    /// The ICC profile for a picture of `channels` channels. The profile of grey slices is written anew for an output
+    /// in colour. A profile of another kind of picture would give wrong colours and is omitted.
+    pub(super) fn icc_for(&self, channels: usize) -> Option<Cow<'_, [u8]>> {
         let icc = self.icc.as_deref()?;
-        let expected: &[u8] = if channels == 1 { b"GRAY" } else { b"RGB " };
-        (icc.get(16..20) == Some(expected)).then_some(icc)
+        match (icc.get(16..20)?, channels) {
+            (b"GRAY", 1) => Some(icc.into()),
+            (b"GRAY", _) => icc::rgb_of_grey(icc).map(Cow::Owned),
+            (b"RGB ", 3 | 4) => Some(icc.into()),
+            _ => None,
+        }
     }
 }

@@ -1,5 +1,7 @@
 //! What the header of a picture says, and how large a picture may be.
 
+use super::colour_space::ColourSpace;
+
 /// Supported file formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Format {
@@ -36,7 +38,9 @@ pub struct Header {
     pub format: Format,
     /// EXIF orientation as stored, 1 to 8; 1 without a tag.
     pub orientation: u8,
-    /// When a JPEG or PNG was taken, by its EXIF data; `None` without that, and for TIFF.
+    /// Colour space.
+    pub colour: ColourSpace,
+    /// When the picture was taken, by its EXIF data; of a TIFF without EXIF data, by its tag `DateTime`. `None` without.
     pub taken: Option<CaptureTime>,
 }
 

@@ -20,6 +20,11 @@ impl IccParts {
         }
     }
 
+    /// True without any part.
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// The profile, joined from its parts; `None` when one is missing.
     pub(super) fn joined(&self) -> Option<Vec<u8>> {
         let mut parts: Vec<&Part> = self.0.iter().collect();

@@ -6,6 +6,7 @@
 //! coefficient.
 
 pub(super) mod guarded;
+mod scans;
 
 use std::{
     borrow::Cow,
@@ -16,20 +17,22 @@ use std::{
 use zune_core::{bytestream::ZCursor, colorspace::ColorSpace, options::DecoderOptions};
 
 use super::{
-    Metadata, exif_block,
+    ColourSpace, Metadata,
+    colour_space::resolved,
+    colour_tags::ColourTags,
+    exif_block,
     fault::ImageFault,
     header::{Format, Header, Limits},
     icc_parts::IccParts,
     orientation,
+    rgb_space::Declared,
 };
 use crate::imaging::Raster;
 use guarded::{EOI, Guard, Guarded};
+use scans::{MAX_SCANS, Pass, SOS, Walk, is_complete, walk};
 
 /// Maximum number of bytes before the first scan. Cameras write previews of some megabytes there.
 const MAX_HEAD_BYTES: u64 = 64 << 20;
-
-/// Maximum number of scans. Each processes the whole picture, even if it has few bytes; ten are usual.
-const MAX_SCANS: usize = 100;
 
 /// Maximum number of pixels per byte: a block of 64 pixels takes at least one bit. A file that declares more is
 /// truncated and refused before memory is allocated.
@@ -42,7 +45,6 @@ const PROGRESSIVE: u8 = 0xC2;
 const JPEG_LS: u8 = 0xF7;
 
 const SOI: u8 = 0xD8;
-const SOS: u8 = 0xDA;
 const APP1: u8 = 0xE1;
 const APP2: u8 = 0xE2;
 const APP14: u8 = 0xEE;
@@ -57,6 +59,8 @@ struct Head {
     height: u16,
     /// Identifiers of the components.
     components: Vec<u8>,
+    /// Sampling factors of the components along x and y.
+    sampling: Vec<[u8; 2]>,
     /// Components in the first scan.
     scanned: u8,
     jfif: bool,
@@ -78,7 +82,7 @@ impl Head {
         loop {
             let marker = next_marker(&mut reader)?;
             if matches!(marker, SOI | EOI | 0x01 | 0xD0..=0xD7) {
-                return Err(damaged(format!("marker FF{marker:02X} before the picture")));
+                return Err(damaged("a marker that does not belong before the picture"));
             }
             if marker == JPEG_LS {
                 return Err(ImageFault::OtherFormat("JPEG-LS"));
@@ -115,7 +119,8 @@ impl Head {
                 self.precision = *precision;
                 self.height = u16::from_be_bytes([*h1, *h0]);
                 self.width = u16::from_be_bytes([*w1, *w0]);
-                self.components = rest.chunks_exact(3).take(usize::from(*count)).map(|c| c[0]).collect();
+                let components = rest.chunks_exact(3).take(usize::from(*count));
+                (self.components, self.sampling) = components.map(|c| (c[0], [c[1] >> 4, c[1] & 15])).unzip();
             }
             SOS => {
                 if self.process == 0 {
@@ -166,6 +171,12 @@ impl Head {
         if self.process != PROGRESSIVE && usize::from(self.scanned) != self.components.len() {
             return Err(ImageFault::unsupported("the JPEG is stored colour by colour (not interleaved)"));
         }
+        if !self.is_sampling_supported() {
+            return Err(ImageFault::Unsupported {
+                what: "the JPEG stores its colours finer than its brightness, or in unusual steps".into(),
+                advice: "save all slices again with the colour sampling 4:4:4 or 4:2:0",
+            });
+        }
         let orientation = self.orientation();
         let (mut width, mut height) = (u32::from(self.width), u32::from(self.height));
         if orientation::swaps(orientation) {
@@ -173,7 +184,25 @@ impl Head {
         }
         limits.check(width, height)?;
         let taken = self.exif.as_deref().and_then(exif_block::taken);
-        Ok(Header { width, height, channels, bit_depth: 8, format: Format::Jpeg, orientation, taken })
+        let colour = self.colours().1;
+        Ok(Header { width, height, channels, bit_depth: 8, format: Format::Jpeg, orientation, colour, taken })
+    }
+
+    /// True for sampling factors with which the decoder gives the pixels of libjpeg (compared for all factors up to 4):
+    /// colour not finer than brightness along x, and one step along y.
+    fn is_sampling_supported(&self) -> bool {
+        let Some((&[luma_x, luma_y], chroma)) = self.sampling.split_first() else { return false };
+        let finest_y = self.sampling.iter().map(|&[_, y]| y).max().unwrap_or(0);
+        matches!(luma_x, 1 | 2 | 4)
+            && chroma.iter().all(|&[x, y]| x > 0 && luma_x % x == 0 && (luma_x < 4 || y <= luma_y))
+            && self.sampling.iter().all(|&[_, y]| y > 0 && (y == 1 || y == finest_y))
+    }
+
+    /// The ICC profile for outputs, and the colour space.
+    fn colours(&self) -> (Option<Vec<u8>>, ColourSpace) {
+        let tags = self.exif.as_deref().map(ColourTags::of_block).unwrap_or_default();
+        let declared = if self.icc.is_empty() { tags.declared() } else { Declared::Unknown };
+        resolved(self.icc.joined(), declared, self.components.len() as u8)
     }
 
     fn orientation(&self) -> u8 {
@@ -181,7 +210,7 @@ impl Head {
     }
 }
 
-fn damaged(why: impl ToString) -> ImageFault {
+fn damaged(why: &'static str) -> ImageFault {
     ImageFault::damaged(Format::Jpeg, why)
 }
 
@@ -202,85 +231,12 @@ fn next_marker(reader: &mut impl Read) -> Result<u8, ImageFault> {
     }
 }
 
-/// The result of a walk along the markers.
-struct Walk<'a> {
-    /// Offset of the end marker.
-    end: usize,
-    /// The header of each scan.
-    scans: Vec<&'a [u8]>,
-}
-
-/// Walks to the end marker, or until there are too many scans; `None` when the file ends before that. Segments are
-/// skipped, so that the end marker of a thumbnail is not mistaken for that of the picture.
-fn walk(bytes: &[u8]) -> Option<Walk<'_>> {
-    let mut at = 2;
-    let mut scans = Vec::new();
-    loop {
-        if !scans.is_empty() {
-            at += bytes.get(at..)?.iter().position(|&b| b == 0xFF)?;
-        }
-        let marker = *bytes.get(at + 1)?;
-        match marker {
-            0xFF => at += 1,
-            0 | 0x01 | 0xD0..=0xD7 => at += 2,
-            EOI => return Some(Walk { end: at, scans }),
-            _ => {
-                let length = usize::from(u16::from_be_bytes([*bytes.get(at + 2)?, *bytes.get(at + 3)?]));
-                if marker == SOS {
-                    if scans.len() > MAX_SCANS {
-                        return Some(Walk { end: at, scans });
-                    }
-                    scans.push(bytes.get(at + 4..at + 2 + length).unwrap_or_default());
-                }
-                at += 2 + length;
-            }
-        }
-    }
-}
-
-/// Parameters of one scan of a progressive picture.
-struct Pass<'a> {
-    /// Component identifiers, each followed by its tables.
-    components: &'a [u8],
-    /// First and last coefficient.
-    band: std::ops::RangeInclusive<usize>,
-    /// True when the scan refines known coefficients.
-    refines: bool,
-    /// Low bits that are still missing after the scan.
-    missing: u8,
-}
-
-impl<'a> Pass<'a> {
-    fn of(scan: &'a [u8]) -> Option<Self> {
-        let (count, rest) = scan.split_first()?;
-        let (components, rest) = rest.split_at_checked(usize::from(*count) * 2)?;
-        let &[first, last, bits, ..] = rest else { return None };
-        let band = usize::from(first)..=usize::from(last).min(63);
-        Some(Self { components, band, refines: bits >> 4 != 0, missing: bits & 15 })
-    }
-}
-
-/// True when the scans of a progressive picture give every coefficient of every component to its last bit. A file that
-/// was cut between two scans and closed with an end marker is well-formed, but shows a coarse picture.
-fn is_complete(scans: &[&[u8]], components: &[u8]) -> bool {
-    let mut missing = vec![[u8::MAX; 64]; components.len()];
-    for pass in scans.iter().filter_map(|scan| Pass::of(scan)) {
-        for id in pass.components.iter().step_by(2) {
-            let Some(component) = components.iter().position(|known| known == id) else { continue };
-            for coefficient in pass.band.clone() {
-                missing[component][coefficient] = pass.missing;
-            }
-        }
-    }
-    missing.iter().flatten().all(|&bits| bits == 0)
-}
-
 pub(super) fn probe(reader: impl BufRead, limits: &Limits) -> Result<Header, ImageFault> {
     Head::read(reader)?.header(limits)
 }
 
 pub(super) fn metadata(bytes: &[u8]) -> Metadata {
-    Head::read(bytes).map(|head| Metadata { icc: head.icc.joined(), exif: head.exif }).unwrap_or_default()
+    Head::read(bytes).map(|head| Metadata { icc: head.colours().0, exif: head.exif }).unwrap_or_default()
 }
 
 /// The picture as stored, and its orientation.
@@ -292,7 +248,7 @@ pub(super) fn decode(bytes: Cow<'_, [u8]>, limits: &Limits, buffer: Vec<u8>) -> 
     }
     let Walk { end, scans } = walk(&bytes).ok_or(ImageFault::Truncated(Format::Jpeg))?;
     if scans.len() > MAX_SCANS {
-        return Err(damaged(format!("it has more than {MAX_SCANS} scans")));
+        return Err(damaged("it has more than 100 scans"));
     }
     let is_progressive = head.process == PROGRESSIVE;
     if is_progressive && !is_complete(&scans, &head.components) {

@@ -4,20 +4,27 @@
 //! instead of being completed with grey. Files whose colours cannot be reproduced (CMYK, Lab, camera raw, ...) are
 //! refused with a message that says what to do.
 
+mod alpha;
+mod colour_space;
+mod colour_tags;
 mod encode;
 mod exif_block;
 mod exif_output;
 mod fault;
 mod file_metadata;
 mod header;
+mod icc;
 mod icc_parts;
 mod jpeg;
 mod orientation;
 mod png;
+mod rgb_space;
 mod rgba;
 mod sniff;
 mod tiff;
+mod tiff_colours;
 mod tiff_lists;
+mod tiff_tiles;
 
 use std::{
     borrow::Cow,
@@ -27,6 +34,7 @@ use std::{
 use super::Raster;
 use fault::catch_panic;
 
+pub use colour_space::ColourSpace;
 pub use encode::{encode_jpeg, encode_png, encode_tiff, write_jpeg};
 pub use exif_output::OutputCamera;
 pub use fault::ImageFault;
@@ -51,8 +59,8 @@ pub fn probe(mut reader: impl BufRead + Seek, limits: &Limits) -> Result<Header,
     })
 }
 
-/// Decodes a picture to 1 (grey) or 3 (RGB) channels of 8 or 16 bits. The EXIF orientation is applied, alpha is
-/// dropped, palettes are expanded.
+/// Decodes a picture to 1 (grey) or 3 (RGB) channels of 8 or 16 bits. The EXIF orientation is applied, palettes are
+/// expanded, and alpha is dropped if every pixel is opaque; else the picture is refused.
 ///
 /// # Errors
 /// As [`probe`], and when the pixels are truncated or damaged.

@@ -22,10 +22,10 @@ use crate::imaging::Raster;
 pub fn decode_rgba(bytes: &[u8], limits: &Limits) -> Result<Raster, ImageFault> {
     let format = sniff::format_of(&mut Cursor::new(bytes))?;
     let image = catch_panic(format, || {
-        let damaged = |error: &dyn std::fmt::Display| ImageFault::damaged(format, error);
-        let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|error| damaged(&error))?;
+        let damaged = || ImageFault::damaged(format, "its data cannot be decoded");
+        let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|_| damaged())?;
         reader.limits(reader_limits(limits));
-        reader.decode().map_err(|error| damaged(&error))
+        reader.decode().map_err(|_| damaged())
     })?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     Ok(match image {
@@ -35,7 +35,12 @@ pub fn decode_rgba(bytes: &[u8], limits: &Limits) -> Result<Raster, ImageFault> 
         DynamicImage::ImageLuma16(i) => Raster::sixteen(width, height, 1, i.into_raw()),
         DynamicImage::ImageRgb16(i) => Raster::sixteen(width, height, 3, i.into_raw()),
         DynamicImage::ImageRgba16(i) => Raster::sixteen(width, height, 4, i.into_raw()),
-        other => return Err(ImageFault::unsupported(format!("the {format} has {:?} pixels", other.color()))),
+        other => {
+            return Err(ImageFault::unsupported(format!(
+                "the {format} has {} bits per pixel",
+                other.color().bits_per_pixel()
+            )));
+        }
     })
 }
 

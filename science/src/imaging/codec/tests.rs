@@ -41,13 +41,13 @@ fn jpeg_of(raster: &Raster, metadata: &Metadata) -> Vec<u8> {
     out
 }
 
-fn without_alpha(raster: &Raster) -> Raster {
-    let kept = if raster.channels == 4 { 3 } else { raster.channels };
+/// The picture with a fourth channel that is opaque everywhere.
+fn with_opaque_alpha(raster: &Raster) -> Raster {
     let samples = match &raster.samples {
-        Samples::Eight(s) => Samples::Eight(png::first_channels(s.clone(), raster.channels, kept)),
-        Samples::Sixteen(s) => Samples::Sixteen(png::first_channels(s.clone(), raster.channels, kept)),
+        Samples::Eight(s) => Samples::Eight(s.chunks(3).flat_map(|rgb| [rgb, &[u8::MAX]].concat()).collect()),
+        Samples::Sixteen(s) => Samples::Sixteen(s.chunks(3).flat_map(|rgb| [rgb, &[u16::MAX]].concat()).collect()),
     };
-    Raster { channels: kept, samples, ..*raster }
+    Raster { channels: 4, samples, ..*raster }
 }
 
 fn decoded(bytes: &[u8]) -> Result<Raster, ImageFault> {
@@ -80,20 +80,16 @@ fn with_exif(jpeg: &[u8], exif: &[u8]) -> Vec<u8> {
 
 #[test]
 fn png_and_tiff_give_back_every_sample_of_every_kind() {
-    for channels in [1, 3, 4] {
+    for (channels, has_alpha) in [(1, false), (3, false), (3, true)] {
         for sixteen in [false, true] {
             let raster = picture(37, 23, channels, sixteen);
-            for bytes in [png_of(&raster, &Metadata::default()), tiff_of(&raster, &Metadata::default())] {
+            let stored = if has_alpha { with_opaque_alpha(&raster) } else { raster.clone() };
+            for bytes in [png_of(&stored, &Metadata::default()), tiff_of(&stored, &Metadata::default())] {
                 let header = probed(&bytes).unwrap();
                 assert_eq!((header.width, header.height), (37, 23));
-                assert_eq!(usize::from(header.channels), channels.min(3));
+                assert_eq!(usize::from(header.channels), channels);
                 assert_eq!(header.bit_depth, if sixteen { 16 } else { 8 });
-                assert_eq!(
-                    decoded(&bytes).unwrap(),
-                    without_alpha(&raster),
-                    "{channels} {sixteen} {:?}",
-                    header.format
-                );
+                assert_eq!(decoded(&bytes).unwrap(), raster, "{channels} {has_alpha} {sixteen} {:?}", header.format);
             }
         }
     }
@@ -120,7 +116,7 @@ fn palettes_are_looked_up_and_grey_with_alpha_is_grey() {
     encoder.set_color(::png::ColorType::Indexed);
     encoder.set_depth(::png::BitDepth::Eight);
     encoder.set_palette(vec![1, 2, 3, 40, 50, 60]);
-    encoder.set_trns(vec![255, 0]);
+    encoder.set_trns(vec![255, 255]);
     encoder.write_header().unwrap().write_image_data(&[0, 1, 1, 0]).unwrap();
     let expected = Raster::eight(2, 2, 3, vec![1, 2, 3, 40, 50, 60, 40, 50, 60, 1, 2, 3]);
     assert_eq!(decoded(&out).unwrap(), expected);
@@ -130,7 +126,7 @@ fn palettes_are_looked_up_and_grey_with_alpha_is_grey() {
     let mut encoder = ::png::Encoder::new(&mut out, 2, 1);
     encoder.set_color(::png::ColorType::GrayscaleAlpha);
     encoder.set_depth(::png::BitDepth::Sixteen);
-    encoder.write_header().unwrap().write_image_data(&[1, 2, 9, 9, 3, 4, 9, 9]).unwrap();
+    encoder.write_header().unwrap().write_image_data(&[1, 2, 255, 255, 3, 4, 255, 255]).unwrap();
     assert_eq!(decoded(&out).unwrap(), Raster::sixteen(2, 1, 1, vec![0x0102, 0x0304]));
 }
 

@@ -1,14 +1,20 @@
 //! Reads TIFF and BigTIFF.
 
-use std::io::{Cursor, Read, Seek};
+use std::io::{self, Cursor, Read, Seek};
 
 use ::tiff::{
     ColorType, TiffError,
-    decoder::{ChunkType, Decoder, DecodingResult, Limits as DecoderLimits},
-    tags::{SampleFormat, Tag, Type, ValueBuffer},
+    decoder::{ChunkType, Decoder, DecodingResult, IfdDecoder, Limits as DecoderLimits},
+    tags::{SampleFormat, Tag},
 };
 
-use super::{Format, Header, ImageFault, Limits, Metadata, exif_block, orientation, png::first_channels, tiff_lists};
+use super::{
+    CaptureTime, Format, Header, ImageFault, Limits, Metadata,
+    alpha::{refuse, without_alpha},
+    exif_block, orientation,
+    tiff_colours::colours,
+    tiff_lists, tiff_tiles,
+};
 use crate::imaging::Raster;
 
 /// Pages after the first that are examined, to recognise a file that holds a whole stack.
@@ -21,18 +27,24 @@ const LARGEST_RATIO: usize = 4_096;
 /// Maximum memory of the value of a tag, bytes.
 const MAX_TAG_BYTES: usize = 64 << 20;
 
-/// Marks a reduced version of another picture in the same file (`NewSubfileType`, bit 0).
+/// Bits of `NewSubfileType`: a reduced version of another picture in the same file, and its transparency mask.
 const REDUCED: u32 = 1;
+const MASK: u32 = 4;
+
+/// The older `SubfileType` of a reduced version.
+const OLD_REDUCED: u32 = 2;
+
+/// `FillOrder` of reversed bits.
+const REVERSED: u32 = 2;
 
 const DNG_VERSION: Tag = Tag::Unknown(0xC612);
+const DATE_TIME_ORIGINAL: Tag = Tag::Unknown(0x9003);
 
 fn fault(error: &TiffError) -> ImageFault {
     match error {
         TiffError::IoError(error) => ImageFault::from_io(Format::Tiff, error),
-        TiffError::UnsupportedError(what) => {
-            ImageFault::unsupported(format!("the TIFF has a feature that is not supported ({what})"))
-        }
-        other => ImageFault::damaged(Format::Tiff, other),
+        TiffError::UnsupportedError(_) => ImageFault::unsupported("the TIFF has a feature that is not supported"),
+        _ => ImageFault::damaged(Format::Tiff, "its tags or its data are not those of a TIFF"),
     }
 }
 
@@ -84,7 +96,10 @@ fn channels(color: ColorType) -> Result<Channels, ImageFault> {
 }
 
 struct Opened<R: Read + Seek> {
+    /// At the page that is the picture.
     decoder: Decoder<R>,
+    /// The number of that page, from 0 on.
+    page: usize,
     header: Header,
     stored: usize,
 }
@@ -99,14 +114,78 @@ fn first<R: Read + Seek>(mut reader: R) -> Result<Decoder<R>, ImageFault> {
     Ok(decoder.with_limits(limits))
 }
 
+/// A tag with one unsigned number.
+fn number<R: Read + Seek>(decoder: &mut Decoder<R>, tag: Tag) -> Option<u32> {
+    decoder.find_tag_unsigned(tag).ok().flatten()
+}
+
+/// `NewSubfileType` of the page, or what the older tag says in its bits.
+fn kind_of_page<R: Read + Seek>(decoder: &mut Decoder<R>) -> u32 {
+    let old = number(decoder, Tag::SubfileType).map_or(0, |kind| if kind == OLD_REDUCED { REDUCED } else { 0 });
+    number(decoder, Tag::NewSubfileType).unwrap_or(old)
+}
+
+/// Goes to the page that is the picture, and returns its number. Thumbnails and masks are passed over. A file with
+/// several pictures is refused, because all but one would be ignored. Unreadable pages do not count.
+fn go_to_picture<R: Read + Seek>(decoder: &mut Decoder<R>) -> Result<usize, ImageFault> {
+    let mut kinds = vec![kind_of_page(decoder)];
+    while kinds.len() <= PAGES_LOOKED_AT && decoder.more_images() && decoder.next_image().is_ok() {
+        kinds.push(kind_of_page(decoder));
+    }
+    let mut pictures = (0..kinds.len()).filter(|&page| kinds[page] & (REDUCED | MASK) == 0);
+    let page = match (pictures.next(), pictures.next()) {
+        (Some(page), None) => page,
+        // reduced, but from a picture that is not here
+        (None, _) if kinds == [REDUCED] => 0,
+        (None, _) => {
+            return Err(ImageFault::Unsupported {
+                what: "the TIFF holds a mask or thumbnails and no picture".into(),
+                advice: "save the picture itself, as the only page",
+            });
+        }
+        (Some(_), Some(_)) => {
+            return Err(ImageFault::Unsupported {
+                what: "the TIFF holds several pages".into(),
+                advice: "save each slice as a separate file",
+            });
+        }
+    };
+    decoder.seek_to_image(page).map_err(|error| fault(&error))?;
+    Ok(page)
+}
+
 fn open<R: Read + Seek>(reader: R, limits: &Limits) -> Result<Opened<R>, ImageFault> {
     let mut decoder = first(reader)?;
-    let reduced = decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).ok().flatten().unwrap_or(0) & REDUCED != 0;
+    let reduced = kind_of_page(&mut decoder) & REDUCED != 0;
     let has = |decoder: &mut Decoder<R>, tag| decoder.image_ifd().directory().contains(tag);
     // the first picture of a raw file is a thumbnail; the picture is in a sub-directory
     if has(&mut decoder, DNG_VERSION) || (reduced && has(&mut decoder, Tag::SubIfd)) {
         return Err(ImageFault::Raw("DNG, NEF, ARW or alike"));
     }
+    let page = go_to_picture(&mut decoder)?;
+    let stored = refuse_coding(&mut decoder)?;
+    let (mut width, mut height) = decoder.dimensions().map_err(|error| fault(&error))?;
+    limits.check(width, height)?;
+    let orientation = number(&mut decoder, Tag::Orientation).map_or(1, orientation::sane);
+    if orientation::swaps(orientation) {
+        (width, height) = (height, width);
+    }
+    let channels = stored.kept as u8;
+    let header = Header {
+        width,
+        height,
+        channels,
+        bit_depth: stored.bits,
+        format: Format::Tiff,
+        orientation,
+        colour: colours(&mut decoder, channels).1,
+        taken: taken(&mut decoder),
+    };
+    Ok(Opened { decoder, page, header, stored: stored.stored })
+}
+
+/// Refuses codings that the decoder does not reproduce, and returns the channels.
+fn refuse_coding<R: Read + Seek>(decoder: &mut Decoder<R>) -> Result<Channels, ImageFault> {
     // the decoder does not report truncated JPEG data
     let compression = decoder.find_tag_unsigned::<u16>(Tag::Compression).ok().flatten().unwrap_or(1);
     if matches!(compression, 6 | 7) {
@@ -123,69 +202,53 @@ fn open<R: Read + Seek>(reader: R, limits: &Limits) -> Result<Opened<R>, ImageFa
     if planes == 2 && decoder.get_chunk_type() == ChunkType::Tile {
         return Err(ImageFault::unsupported("the TIFF stores its colours in separate tiles"));
     }
-    let (mut width, mut height) = decoder.dimensions().map_err(|error| fault(&error))?;
-    limits.check(width, height)?;
+    // libtiff reverses the bits of each byte of such files, whatever their depth
+    if number(decoder, Tag::FillOrder) == Some(REVERSED) {
+        return Err(ImageFault::Unsupported {
+            what: "the TIFF stores the bits of each byte in reversed order (FillOrder 2)".into(),
+            advice: "save all slices again in the usual order (FillOrder 1)",
+        });
+    }
     let channels = channels(decoder.colortype().map_err(|error| fault(&error))?)?;
     let format = decoder.find_tag_unsigned_vec::<u16>(Tag::SampleFormat).ok().flatten().unwrap_or_default();
     if format.iter().any(|&format| format != SampleFormat::Uint.to_u16()) {
         return Err(ImageFault::unsupported("the TIFF has floating point or signed samples"));
     }
-    let orientation = decoder.find_tag_unsigned::<u32>(Tag::Orientation).ok().flatten().map_or(1, orientation::sane);
-    if orientation::swaps(orientation) {
-        (width, height) = (height, width);
-    }
-    let header = Header {
-        width,
-        height,
-        channels: channels.kept as u8,
-        bit_depth: channels.bits,
-        format: Format::Tiff,
-        orientation,
-        taken: None,
-    };
-    Ok(Opened { decoder, header, stored: channels.stored })
+    Ok(channels)
 }
 
-/// Refuses files with several pictures, because all but the first would be ignored. Unreadable pages do not count.
-fn refuse_pages<R: Read + Seek>(mut decoder: Decoder<R>) -> Result<(), ImageFault> {
-    for _ in 0..PAGES_LOOKED_AT {
-        if !decoder.more_images() || decoder.next_image().is_err() {
-            return Ok(());
+/// When the picture was taken: by the EXIF directory or, without one, by `DateTime`. A defect of these tags is no defect
+/// of the picture.
+fn taken<R: Read + Seek>(decoder: &mut Decoder<R>) -> Option<CaptureTime> {
+    // a hostile list would take much memory as a value
+    let value = |mut directory: IfdDecoder<'_>, tag| {
+        directory.find_entry(tag).filter(|entry| entry.count() <= 32)?;
+        directory.find_tag(tag).ok()?
+    };
+    let found = match value(decoder.image_ifd(), Tag::ExifDirectory) {
+        Some(pointer) => {
+            let exif = decoder.read_directory(pointer.into_ifd_pointer().ok()?).ok()?;
+            value(decoder.read_directory_tags(&exif), DATE_TIME_ORIGINAL)
         }
-        let kind = decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).ok().flatten().unwrap_or(0);
-        if kind & REDUCED == 0 {
-            return Err(ImageFault::Unsupported {
-                what: "the TIFF holds several pages".into(),
-                advice: "save each slice as a separate file",
-            });
-        }
-    }
-    Ok(())
+        None => value(decoder.image_ifd(), Tag::DateTime),
+    };
+    exif_block::capture_time(&found?.into_string().ok()?)
 }
 
 pub(super) fn probe(reader: impl Read + Seek, limits: &Limits) -> Result<Header, ImageFault> {
-    let opened = open(reader, limits)?;
-    refuse_pages(opened.decoder)?;
-    Ok(opened.header)
+    Ok(open(reader, limits)?.header)
 }
 
 pub(super) fn metadata(bytes: &[u8]) -> Metadata {
-    Metadata { icc: icc_profile(bytes), exif: exif_block::from_tiff(bytes) }
-}
-
-fn icc_profile(bytes: &[u8]) -> Option<Vec<u8>> {
-    let mut decoder = first(Cursor::new(bytes)).ok()?;
-    let mut value = ValueBuffer::empty(Type::BYTE);
-    decoder.image_ifd().find_tag_buf(Tag::IccProfile, &mut value).ok()??;
-    let icc = value.as_bytes();
-    (!icc.is_empty()).then(|| icc.to_vec())
+    // a file that is not decoded has no metadata either
+    let Ok(mut opened) = open(Cursor::new(bytes), &Limits::default()) else { return Metadata::default() };
+    let icc = colours(&mut opened.decoder, opened.header.channels).0;
+    Metadata { icc, exif: exif_block::from_tiff(bytes, opened.page) }
 }
 
 /// The picture as stored, and its orientation, of a file of `length` bytes.
-pub(super) fn decode(mut reader: impl Read + Seek, length: u64, limits: &Limits) -> Result<(Raster, u8), ImageFault> {
-    refuse_pages(open(&mut reader, limits)?.decoder)?;
-    reader.rewind().map_err(|error| ImageFault::from_io(Format::Tiff, &error))?;
-    let Opened { decoder, header, stored } = open(reader, limits)?;
+pub(super) fn decode(reader: impl Read + Seek, length: u64, limits: &Limits) -> Result<(Raster, u8), ImageFault> {
+    let Opened { decoder, header, stored, .. } = open(reader, limits)?;
 
     let declared = header.width as usize * header.height as usize * stored * usize::from(header.bit_depth / 8);
     if (declared / LARGEST_RATIO) as u64 > length {
@@ -196,10 +259,24 @@ pub(super) fn decode(mut reader: impl Read + Seek, length: u64, limits: &Limits)
     let mut allowed = DecoderLimits::default();
     allowed.decoding_buffer_size = limits.max_bytes();
     allowed.intermediate_buffer_size = largest.min(limits.max_bytes());
-    let mut decoder = decoder.with_limits(allowed);
+    let mut decoder = decoder.with_limits(allowed.clone());
 
     let mut result = DecodingResult::U8(Vec::new());
-    let layout = decoder.read_image_to_buffer(&mut result).map_err(|error| fault(&error))?;
+    let planes = if tiff_tiles::extend_beyond(&mut decoder) {
+        tiff_tiles::read(&mut decoder, &allowed).map(|read| {
+            result = read;
+            1
+        })
+    } else {
+        decoder.read_image_to_buffer(&mut result).map(|layout| layout.planes)
+    };
+    let planes = planes.map_err(|error| match error {
+        // of the decompression: an error of the disk is told by the container, whatever is told here
+        TiffError::IoError(error) if error.kind() != io::ErrorKind::UnexpectedEof => {
+            ImageFault::damaged(Format::Tiff, "its compressed data are not valid")
+        }
+        other => fault(&other),
+    })?;
 
     let (width, height) = decoder.dimensions().map_err(|error| fault(&error))?;
     let (width, height) = (width as usize, height as usize);
@@ -207,10 +284,10 @@ pub(super) fn decode(mut reader: impl Read + Seek, length: u64, limits: &Limits)
     let samples = width * height * stored;
     let raster = match result {
         DecodingResult::U8(data) if data.len() == samples => {
-            Raster::eight(width, height, kept, arranged(data, layout.planes, stored, kept))
+            Raster::eight(width, height, kept, arranged(data, planes, stored, kept, u8::MAX)?)
         }
         DecodingResult::U16(data) if data.len() == samples => {
-            Raster::sixteen(width, height, kept, arranged(data, layout.planes, stored, kept))
+            Raster::sixteen(width, height, kept, arranged(data, planes, stored, kept, u16::MAX)?)
         }
         _ => return Err(ImageFault::damaged(Format::Tiff, "its size or depth differs from the declared one")),
     };
@@ -218,14 +295,21 @@ pub(super) fn decode(mut reader: impl Read + Seek, length: u64, limits: &Limits)
 }
 
 /// Interleaved samples without alpha, from samples that are interleaved or in planes.
-fn arranged<T: Copy>(samples: Vec<T>, planes: usize, stored: usize, kept: usize) -> Vec<T> {
+fn arranged<T: Copy + PartialEq>(
+    samples: Vec<T>,
+    planes: usize,
+    stored: usize,
+    kept: usize,
+    opaque: T,
+) -> Result<Vec<T>, ImageFault> {
     if planes <= 1 {
-        return first_channels(samples, stored, kept);
+        return without_alpha(samples, stored, kept, opaque);
     }
     let pixels = samples.len() / stored;
+    refuse(samples[kept * pixels..].iter().filter(|&&alpha| alpha != opaque).count(), pixels)?;
     let mut out = Vec::with_capacity(pixels * kept);
     for pixel in 0..pixels {
         out.extend((0..kept).map(|channel| samples[channel * pixels + pixel]));
     }
-    out
+    Ok(out)
 }

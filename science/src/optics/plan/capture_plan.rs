@@ -40,6 +40,9 @@ pub struct CapturePlan {
     pub step_mm: f64,
     /// Largest step that keeps the overlap, mm.
     pub largest_step_mm: f64,
+    /// Contrast of what lies halfway between two slices, as a share of that in focus, for detail at half the Nyquist
+    /// frequency of the sensor; null where diffraction leaves no such detail.
+    pub contrast_between_slices: Option<f64>,
     /// Travel of the rail, mm.
     pub travel_mm: f64,
     /// Rail position of each slice, mm, increasing towards the object: `rail_positions_mm` of a calibration.
@@ -67,10 +70,6 @@ pub struct DepthRange {
 impl DepthRange {
     pub(super) fn of(geometric: f64, wave: f64) -> Self {
         Self { geometric, wave, total: geometric + wave }
-    }
-
-    pub(super) fn least(&self) -> f64 {
-        self.geometric.min(self.wave)
     }
 }
 

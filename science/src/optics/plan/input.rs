@@ -48,7 +48,8 @@ pub struct PlanInput {
     #[serde(default = "one")]
     #[param(required = false)]
     pub pupil_ratio: f64,
-    /// Share of the depth of field that neighbouring slices have in common; default 0.5.
+    /// Share of the depth of field, by geometry and diffraction together, that neighbouring slices have in common;
+    /// default 0.5.
     #[serde(default = "half")]
     #[param(required = false)]
     pub overlap: f64,

@@ -55,7 +55,7 @@ impl Path {
                     );
                     return Err(refused("object_depth_mm", detail));
                 }
-                let largest_step = share * lens.depth_of_field(magnification).least();
+                let largest_step = share * lens.depth_of_field(magnification).total;
                 Ok(Self { movement: Movement::Camera { magnification }, travel: depth, largest_step })
             }
             CaptureMode::FixedLens => {
@@ -72,7 +72,7 @@ impl Path {
                 }
                 let [nearest, farthest] = [near, far].map(|distance| focused.conjugate(distance));
                 // the smallest magnification has the smallest depth of focus
-                let least = lens.depth_of_focus(farthest / lens.focal - 1.0).least();
+                let least = lens.depth_of_focus(farthest / lens.focal - 1.0).total;
                 let movement = Movement::Sensor { nearest };
                 Ok(Self { movement, travel: nearest - farthest, largest_step: share * least })
             }
@@ -84,6 +84,14 @@ impl Path {
         match self.movement {
             Movement::Sensor { nearest } => (nearest - rail) / lens.focal - 1.0,
             Movement::Camera { magnification } => magnification,
+        }
+    }
+
+    /// How far the sensor is out of focus, mm, for a point halfway between two slices that are `step` apart.
+    pub(super) fn defocus(&self, step: f64) -> f64 {
+        match self.movement {
+            Movement::Sensor { .. } => step / 2.0,
+            Movement::Camera { magnification } => step / 2.0 * magnification * magnification,
         }
     }
 

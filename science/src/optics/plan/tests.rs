@@ -85,6 +85,35 @@ fn the_ends_of_the_object_are_in_focus_in_the_first_and_the_last_slice() {
     }
 }
 
+#[test]
+fn neighbouring_slices_share_what_was_asked_of_what_is_seen() {
+    for (f_number, magnification, overlap) in [(5.6, 1.0, 0.5), (4.0, 2.5, 0.5), (8.0, 0.5, 0.75), (2.8, 4.0, 0.0)] {
+        for mode in [CaptureMode::FixedLens, CaptureMode::MovingLens] {
+            let input = PlanInput { f_number, magnification: Some(magnification), overlap, ..macro_lens(mode) };
+            let plan = plan(&input).expect("a plan");
+            let is_fixed = mode == CaptureMode::FixedLens;
+            let depth = if is_fixed { plan.depth_of_focus_mm.total } else { plan.depth_of_field_mm.total };
+            // with a fixed lens a slice with a smaller depth than that of the middle decides
+            let shared = 1.0 - plan.largest_step_mm / depth;
+            let tolerance = if is_fixed { 0.1 } else { 1e-9 };
+            assert!((shared - overlap).abs() < tolerance, "{mode:?}, f/{f_number}: {shared}");
+        }
+    }
+}
+
+/// Computed apart from this program, by Hopkins's integral over 4001 samples.
+#[test]
+fn the_contrast_between_slices_is_that_of_a_defocused_lens() {
+    for (f_number, overlap, contrast) in [(5.6, 0.5, 0.798), (5.6, 0.75, 0.947), (8.0, 0.5, 0.830)] {
+        let input = PlanInput { f_number, overlap, object_depth_mm: 20.0, ..macro_lens(CaptureMode::MovingLens) };
+        let plan = plan(&input).expect("a plan");
+        let found = plan.contrast_between_slices.expect("the lens resolves it");
+        assert!((found - contrast).abs() < 0.001, "f/{f_number}, overlap {overlap}: {found}");
+    }
+    let blurred = PlanInput { f_number: 64.0, ..macro_lens(CaptureMode::MovingLens) };
+    assert_eq!(plan(&blurred).expect("a plan").contrast_between_slices, None);
+}
+
 /// The renderer has optics of its own.
 #[test]
 fn scale_exposure_and_blur_are_those_of_a_rendered_rig() {

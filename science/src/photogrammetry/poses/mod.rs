@@ -17,7 +17,7 @@ mod tests;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::types::{Error, error::ErrorKind};
+use crate::types::{Error, error::ErrorKind, text::folded};
 
 pub use readers::read;
 pub use report::{
@@ -116,9 +116,9 @@ fn invalid(detail: impl Into<String>) -> Error {
 /// Endings of image files that are not part of the name of a view.
 const EXTENSIONS: [&str; 11] = ["jpg", "jpeg", "png", "tif", "tiff", "exr", "bmp", "webp", "dng", "nef", "cr3"];
 
-/// The name of a view by which it is found: without folders and extension, in lower case.
+/// The name of a view by which it is found: without folders and extension, [`folded`].
 fn view_key(name: &str) -> String {
-    without_extension(name.rsplit(['/', '\\']).next().unwrap_or(name)).to_lowercase()
+    folded(without_extension(name.rsplit(['/', '\\']).next().unwrap_or(name)))
 }
 
 fn without_extension(name: &str) -> &str {

@@ -88,6 +88,7 @@ pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Erro
         tilt_steps_of_axes: steps(axes.as_ref().and_then(|turntable| turntable.tilt_steps)),
         views,
         findings,
+        not_checked: types::NOT_CHECKED.to_owned(),
     };
     let more = findings_of(&report, turntable.is_some());
     report.findings.extend(more);

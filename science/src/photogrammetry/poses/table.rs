@@ -47,6 +47,7 @@ impl PoseReport {
             ));
         }
         out.push_str(&format!("\nlengths in {}; angles are residuals\n", self.length_name()));
+        out.push_str(&format!("{}\n", self.not_checked));
         out
     }
 
@@ -62,7 +63,7 @@ impl PoseReport {
                 }
             }
         }
-        out.push_str("\\hline\n\\end{tabular}\n");
+        out.push_str(&format!("\\hline\n\\end{{tabular}}\n% {}\n", self.not_checked));
         out
     }
 

@@ -25,15 +25,15 @@ impl<'a> Comparison<'a> {
         Self { read, correlator: Correlator::new(side / reduction, strictness), side, reduction }
     }
 
-    /// The shifts from slice `from` to the next one, of the windows that have one.
-    pub(super) fn shifts(&self, from: usize, windows: &[Rect]) -> Vec<Shift> {
-        windows.iter().filter_map(|window| self.shift(from, *window, *window)).collect()
+    /// The shifts from slice `from` to slice `to`, of the windows that have one.
+    pub(super) fn shifts(&self, from: usize, to: usize, windows: &[Rect]) -> Vec<Shift> {
+        windows.iter().filter_map(|window| self.shift((from, *window), (to, *window))).collect()
     }
 
-    /// The shift from `window` of slice `from` to the next slice, whose window `there` is of the same size; none if
-    /// they have no common texture, or if the slices do not cover them.
-    pub(super) fn shift(&self, from: usize, window: Rect, there: Rect) -> Option<Shift> {
-        let ((a, valid_a), (b, valid_b)) = (self.reduced(from, window)?, self.reduced(from + 1, there)?);
+    /// The shift from a window of a slice to a window of the same size of another slice; none if they have no common
+    /// texture, or if the slices do not cover them.
+    pub(super) fn shift(&self, (from, window): (usize, Rect), (to, there): (usize, Rect)) -> Option<Shift> {
+        let ((a, valid_a), (b, valid_b)) = (self.reduced(from, window)?, self.reduced(to, there)?);
         let common: Vec<bool> = valid_a.iter().zip(&valid_b).map(|(a, b)| *a && *b).collect();
         let share = common.iter().filter(|&&both| both).count() as f64 / common.len() as f64;
         if share < LEAST_VALID {

@@ -8,10 +8,12 @@
 //!    common similarity is the fault of the profile.
 //! 4. Pairs that too few windows show near focus are compared at half the resolution ([`unfocused_pairs`]), only to
 //!    tell whether one slice is displaced against the other.
-//! 5. [`reversal`] compares the common similarities with those that the profile leaves in a stack of the opposite
+//! 5. [`foreign`] finds slices that have too little in common with both neighbours, which have much in common.
+//! 6. [`reversal`] compares the common similarities with those that the profile leaves in a stack of the opposite
 //!    order.
 
 mod comparison;
+mod foreign;
 mod in_focus_pairs;
 mod phase_correlation;
 mod reversal;
@@ -21,7 +23,10 @@ mod unfocused_pairs;
 
 use rayon::prelude::*;
 
-use super::sampling::{self, Extent};
+use super::{
+    sampling::{self, Extent},
+    slice::SliceMeasurements,
+};
 use crate::{
     imaging::{Plane, Rect, statistics},
     types::{
@@ -53,9 +58,23 @@ pub struct Alignment {
     pub reversed: bool,
     /// Per pair of neighbours: the shift that the common similarity does not explain.
     pub(super) own: Vec<Option<OwnShift>>,
+    /// Slices of another view or object; see [`Alignment::detect_foreign`].
+    pub(super) foreign: Vec<u32>,
 }
 
 impl Alignment {
+    /// Finds slices that show another view or another object than the others. `measurements` has one entry per slice,
+    /// in order; the rest is as for [`measure`].
+    pub fn detect_foreign(
+        &mut self,
+        measurements: &[SliceMeasurements],
+        read: &ReadWindow<'_>,
+        size: (usize, usize),
+        object: Option<&Plane<u8>>,
+    ) {
+        self.foreign = foreign::slices(measurements, read, &windows(size.0, size.1, object), size);
+    }
+
     /// Sets [`Alignment::reversed`]: compares the residual similarity with that which the profile (`homographies`, for
     /// a canvas of `size` (width, height)) leaves in a stack whose slices come in the opposite order.
     pub fn detect_reversal(&mut self, homographies: &[Homography], size: (usize, usize)) {
@@ -99,7 +118,7 @@ pub fn measure(
     }
     let comparison = windows.first().map(|window| Comparison::new(read, window.width, 1, STRICT));
     let pair = |(first, windows): (usize, &Vec<Rect>)| match &comparison {
-        Some(comparison) => comparison.shifts(first, windows),
+        Some(comparison) => comparison.shifts(first, first + 1, windows),
         None => Vec::new(),
     };
     let pairs: Vec<Vec<Shift>> = of_pair.par_iter().enumerate().map(pair).collect();
@@ -121,7 +140,7 @@ pub fn measure(
         let blur = if shifts.len() < LEAST_SHIFTS { unfocused_pairs::SIGMA } else { 0.0 };
         Some(OwnShift { shift, sigma: sigma.hypot(blur) })
     });
-    Alignment { metrics, per_slice, reversed: false, own: own.collect() }
+    Alignment { metrics, per_slice, reversed: false, own: own.collect(), foreign: Vec::new() }
 }
 
 /// The shifts of all pairs: those of the windows in focus, or of all windows where they are too few.
@@ -136,7 +155,7 @@ fn roughly(
         windows.iter().enumerate().filter(|(index, _)| focus.shows_focus(*index)).map(|(_, window)| *window).collect();
     let unfocused = UnfocusedPairs::new(read, &textured, canvas);
     let of_pair = |(first, shifts): (usize, &Vec<Shift>)| match &unfocused {
-        Some(unfocused) if shifts.len() < LEAST_SHIFTS => unfocused.shifts(first),
+        Some(unfocused) if shifts.len() < LEAST_SHIFTS => unfocused.shifts(first, first + 1),
         _ => shifts.clone(),
     };
     pairs.par_iter().enumerate().map(of_pair).collect()

@@ -43,17 +43,18 @@ impl<'a> UnfocusedPairs<'a> {
         Some(Self { windows, halved, large, canvas })
     }
 
-    /// The shifts from slice `from` to the next one; too few for a statistic if the slices have too little in common.
-    pub(super) fn shifts(&self, from: usize) -> Vec<Shift> {
-        let shifts = self.halved.shifts(from, self.windows);
+    /// The shifts from slice `from` to slice `to`; too few for a statistic if the slices have too little in common.
+    pub(super) fn shifts(&self, from: usize, to: usize) -> Vec<Shift> {
+        let shifts = self.halved.shifts(from, to, self.windows);
         if shifts.len() >= LEAST_SHIFTS {
             return shifts;
         }
-        let Some(rough) = self.large.as_ref().and_then(|(large, window)| large.shift(from, *window, *window)) else {
+        let Some(rough) = self.large.as_ref().and_then(|(large, window)| large.shift((from, *window), (to, *window)))
+        else {
             return shifts;
         };
         let pairs = self.windows.iter().filter_map(|window| Some((*window, moved(*window, &rough, self.canvas)?)));
-        pairs.filter_map(|(window, there)| self.halved.shift(from, window, there)).collect()
+        pairs.filter_map(|(window, there)| self.halved.shift((from, window), (to, there))).collect()
     }
 }
 

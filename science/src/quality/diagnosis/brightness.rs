@@ -10,8 +10,6 @@ use crate::{
     types::{WarningCode, metrics::Finding},
 };
 
-/// Flicker: brightness differs from that of the surrounding slices by more than this share.
-const FLICKER: f64 = 0.03;
 /// Drift: brightness after the gains differs from that of the reference slice by more than this share. From here on a
 /// step of brightness becomes visible where two slices meet.
 const DRIFT: f64 = 0.03;
@@ -31,7 +29,10 @@ impl Diagnoser<'_> {
     /// The slices whose brightness differs from that of the slices around.
     fn flickering(&self) -> Vec<u32> {
         let slices = self.quality.slices.iter();
-        slices.filter(|slice| deviation(slice.flicker_ratio).abs() > FLICKER).map(|slice| slice.index).collect()
+        slices
+            .filter(|slice| deviation(slice.flicker_ratio).abs() > flicker::VISIBLE)
+            .map(|slice| slice.index)
+            .collect()
     }
 
     fn flicker(&self, flickering: &[u32]) -> Option<Finding> {
@@ -39,7 +40,8 @@ impl Diagnoser<'_> {
         (!flickering.is_empty()).then(|| {
             let detail = format!(
                 "the brightness of {} differs from that of the slices around by up to {:+.0} %: the light or the \
-                 shutter flickers; use constant light, manual exposure and a fixed aperture",
+                 shutter flickers. Fusion scaled the samples to the slices around, but what was clipped is lost; use constant \
+                 light, manual exposure and a fixed aperture",
                 self.named(flickering),
                 100.0 * most
             );

@@ -1,9 +1,9 @@
-//! Findings on alignment: `profile_misfit`, `slice_misaligned`, `picture_jumps`.
+//! Findings on alignment: `profile_misfit`, `alignment_not_measured`, `slice_misaligned`, `picture_jumps`.
 
 use super::{
     Diagnoser,
     displacement::{Displacement, Pair, displacements},
-    warning,
+    note, warning,
 };
 use crate::{
     quality::alignment::OwnShift,
@@ -52,6 +52,19 @@ impl Diagnoser<'_> {
             residual.shift_px[1] * steps,
         );
         Some(warning(WarningCode::ProfileMisfit, Vec::new(), detail))
+    }
+
+    /// Nothing shows whether the profile fits. A stack with too little texture has its own finding.
+    pub(super) fn alignment_not_measured(&self) -> Option<Finding> {
+        let is_measured = self.quality.alignment.similarity.is_some() || self.quality.slices.len() < 2;
+        (!is_measured && !self.has_little_texture()).then(|| {
+            let detail = "whether the profile fits this stack could not be measured: too few parts of the image are \
+                          near focus in two neighbouring slices. No finding on alignment does not mean that the slices \
+                          are aligned; look at the fused image for double edges, take more slices with a smaller step, \
+                          or calibrate this rig and lens if that was never done"
+                .to_owned();
+            note(WarningCode::AlignmentNotMeasured, Vec::new(), detail)
+        })
     }
 
     /// Slices that are off although their neighbours are not, and positions from which all slices are off: one finding

@@ -15,6 +15,11 @@ const COMMON: f64 = 0.9;
 const TEXTURED: f64 = 0.01;
 
 impl Diagnoser<'_> {
+    /// Whether the metrics of focus and alignment rest on almost nothing.
+    pub(super) fn has_little_texture(&self) -> bool {
+        self.quality.focus.textured_fraction.is_some_and(|fraction| fraction < TEXTURED)
+    }
+
     pub(super) fn image(&self) -> Vec<Finding> {
         let StackQuality { fusion, focus, alignment, .. } = self.quality;
         let mut findings = Vec::new();
@@ -57,7 +62,7 @@ impl Diagnoser<'_> {
             );
             findings.push(note(WarningCode::SmallCommonArea, Vec::new(), detail));
         }
-        if let Some(fraction) = focus.textured_fraction.filter(|fraction| *fraction < TEXTURED) {
+        if let Some(fraction) = focus.textured_fraction.filter(|_| self.has_little_texture()) {
             let detail = format!(
                 "only {:.2} % of the {whole} has texture; do not rely on the metrics of focus and alignment",
                 percent(fraction)

@@ -5,7 +5,8 @@
 //!
 //! One fault changes many numbers. A consequence of a fault that is already reported is not reported again: a stack
 //! whose slices are out of order gets no findings on alignment, depth or brightness. Where the image jumps, a pixel
-//! shows another part of the object before and after, so that neither focus nor brightness can be compared.
+//! shows another part of the object before and after, so that neither focus nor brightness can be compared. Beside a
+//! slice of another view, focus means nothing.
 
 mod brightness;
 mod depth;
@@ -24,6 +25,8 @@ use crate::types::{
 pub(super) struct Evidence<'a> {
     /// Per pair of neighbours: the shift that the common similarity does not explain.
     pub(super) own: &'a [Option<OwnShift>],
+    /// The slices that show another view or another object.
+    pub(super) foreign: &'a [u32],
     /// Per pair of neighbours: how far focus moves, in units of the median step.
     pub(super) steps: &'a [Option<f32>],
     /// Per slice: brightness relative to the reference slice, after the gains.
@@ -44,18 +47,21 @@ pub(super) struct Evidence<'a> {
 pub(super) fn diagnose(quality: &StackQuality, evidence: &Evidence<'_>) -> Vec<Finding> {
     let diagnoser = Diagnoser { quality, evidence };
     let mut findings = diagnoser.duplicates();
-    let disorder = diagnoser.reversed().or_else(|| diagnoser.out_of_order());
-    let in_order = disorder.is_none();
-    findings.extend(disorder);
-    if in_order {
+    if let Some(foreign) = diagnoser.foreign() {
+        findings.push(foreign);
         findings.extend(diagnoser.profile_misfit());
-        findings.extend(diagnoser.shifted_slices());
-    }
-    if in_order && !diagnoser.shows_other_parts() {
-        findings.extend(diagnoser.range());
-        findings.extend(diagnoser.steps());
         findings.extend(diagnoser.brightness());
-        findings.extend(diagnoser.redundant());
+    } else if let Some(disorder) = diagnoser.reversed().or_else(|| diagnoser.out_of_order()) {
+        findings.push(disorder);
+    } else {
+        findings.extend(diagnoser.profile_misfit().or_else(|| diagnoser.alignment_not_measured()));
+        findings.extend(diagnoser.shifted_slices());
+        if !diagnoser.shows_other_parts() {
+            findings.extend(diagnoser.range());
+            findings.extend(diagnoser.steps());
+            findings.extend(diagnoser.brightness());
+            findings.extend(diagnoser.redundant());
+        }
     }
     findings.extend(diagnoser.image());
     findings.sort_by_key(|finding| finding.severity);

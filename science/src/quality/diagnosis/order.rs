@@ -1,4 +1,4 @@
-//! Findings on identity and order: `duplicate_slice`, `slices_reversed`, `slices_out_of_order`.
+//! Findings on identity and order: `duplicate_slice`, `foreign_slice`, `slices_reversed`, `slices_out_of_order`.
 
 use super::{Diagnoser, geometry, warning};
 use crate::types::{WarningCode, metrics::Finding};
@@ -16,6 +16,21 @@ impl Diagnoser<'_> {
             warning(WarningCode::DuplicateSlice, vec![original, slice], detail)
         });
         findings.collect()
+    }
+
+    /// Slices of another view or another object.
+    pub(super) fn foreign(&self) -> Option<Finding> {
+        let foreign = self.evidence.foreign;
+        let (show, their) = if foreign.len() == 1 { ("shows", "its") } else { ("show", "their") };
+        (!foreign.is_empty()).then(|| {
+            let detail = format!(
+                "{} {show} something else than the slices around, which show the same: another view or another object \
+                 got into the stack, or the object moved or was not lit, and {their} detail is in the fused image; put \
+                 the right file in the place and send the stack again",
+                self.named(foreign)
+            );
+            warning(WarningCode::ForeignSlice, foreign.to_vec(), detail)
+        })
     }
 
     /// The slices run in the opposite direction to the profile. Findings on focus, alignment and brightness would only

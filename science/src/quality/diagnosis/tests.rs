@@ -1,10 +1,24 @@
 use super::*;
-use crate::{quality::flicker, types::metrics::SliceMetrics};
+use crate::{
+    quality::flicker,
+    types::metrics::{AlignmentMetrics, ResidualSimilarity, SliceMetrics},
+};
+
+/// The similarity of a profile that fits.
+const NO_DRIFT: ResidualSimilarity = ResidualSimilarity {
+    scale: 1.0,
+    rotation_deg: 0.0,
+    shift_px: [0.0; 2],
+    corner_drift_px: 0.0,
+    corner_drift_sigma_px: 0.1,
+    shifts: 100,
+};
 
 /// The metrics and the evidence of a stack without a fault, in which a test changes what it is about.
 struct Stack {
     quality: StackQuality,
     own: Vec<Option<OwnShift>>,
+    foreign: Vec<u32>,
     steps: Vec<Option<f32>>,
     equalised: Vec<Option<f64>>,
     reference: usize,
@@ -22,8 +36,13 @@ impl Stack {
             ..SliceMetrics::default()
         };
         Self {
-            quality: StackQuality { slices: (0..slices).map(metrics).collect(), ..StackQuality::default() },
+            quality: StackQuality {
+                slices: (0..slices).map(metrics).collect(),
+                alignment: AlignmentMetrics { similarity: Some(NO_DRIFT), ..AlignmentMetrics::default() },
+                ..StackQuality::default()
+            },
             own: vec![Some(OwnShift { shift: (0.0, 0.0), sigma: 0.05 }); slices - 1],
+            foreign: Vec::new(),
             steps: vec![Some(1.0); slices - 1],
             equalised: vec![Some(1.0); slices],
             reference: slices / 2,
@@ -52,6 +71,7 @@ impl Stack {
     fn findings(&self) -> Vec<Finding> {
         let evidence = Evidence {
             own: &self.own,
+            foreign: &self.foreign,
             steps: &self.steps,
             equalised: &self.equalised,
             reference: self.reference,
@@ -74,6 +94,30 @@ impl Stack {
 #[test]
 fn a_stack_without_a_fault_has_no_finding() {
     assert_eq!(Stack::of(9).findings(), []);
+}
+
+#[test]
+fn an_alignment_that_could_not_be_measured_is_said() {
+    let mut stack = Stack::of(9);
+    stack.quality.alignment.similarity = None;
+    let (_, detail) = stack.only("alignment_not_measured");
+    assert!(detail.starts_with("whether the profile fits this stack could not be measured"), "{detail}");
+    // without texture there is nothing to align
+    stack.quality.focus.textured_fraction = Some(0.001);
+    stack.only("little_texture");
+    let mut single = Stack::of(1);
+    single.quality.alignment.similarity = None;
+    assert_eq!(single.findings(), []);
+}
+
+#[test]
+fn a_slice_of_another_view_explains_what_focus_shows() {
+    let mut stack = Stack::of(9);
+    stack.foreign = vec![4];
+    stack.quality.focus.coverage_gaps = vec![3, 4];
+    stack.quality.focus.order = Some(vec![0, 1, 2, 3, 5, 4, 6, 7, 8]);
+    let (slices, detail) = stack.only("foreign_slice");
+    assert!(slices == [4] && detail.starts_with("slice 4 shows something else than the slices around"), "{detail}");
 }
 
 #[test]

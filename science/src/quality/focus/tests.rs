@@ -1,7 +1,7 @@
 use super::*;
 use crate::{
     imaging::Rect,
-    quality::slice::{Fingerprint, RowMeasurements, SliceMeter, WarpedSlice},
+    quality::slice::{Brightness, Fingerprint, RowMeasurements, SliceMeter, WarpedSlice},
 };
 
 const WIDTH: usize = 160;
@@ -54,7 +54,7 @@ fn measure_planes(saliency: &[Plane<f32>], index: &Plane<u16>, object: Option<&P
         let mut rows = RowMeasurements::default();
         (0..HEIGHT).for_each(|y| rows.take_saliency(&meter, y, plane.row(y), &(0..WIDTH)));
         let slice = WarpedSlice { samples: &read, channels: 1, coverage: &everywhere, gain: 1.0 };
-        meter.measure(n, &slice, rows, Fingerprint::default()).expect("it can be read")
+        meter.measure(n, &slice, rows, Brightness::default(), Fingerprint::default()).expect("it can be read")
     };
     let measurements: Vec<SliceMeasurements> = saliency.iter().enumerate().map(measured).collect();
     measure(&measurements, meter.points(), &DecisionMap { index, refined: false }, object.is_some())

@@ -16,26 +16,29 @@ const LEAST_SIDE: usize = 16;
 const ROWS: usize = 10;
 /// Darker cells (0..255) are skipped: noise and the black level outweigh the light there.
 const LEAST_MEAN: f32 = 4.0;
+/// With fewer common cells nothing is said about what two slices show.
+const LEAST_COMMON: usize = 24;
 /// Cells with a larger share of clipped samples are skipped.
 const MOST_CLIPPED: f32 = 0.01;
 
 /// Mean brightness before the gain, per cell: luma, red, green, blue. NaN where the slice does not cover the whole
 /// cell, or the cell is too dark or clipped.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Brightness {
+pub struct Brightness {
     means: Vec<[f32; 4]>,
 }
 
 /// The cells of a canvas, from the top left. What is left over at the right and at the bottom is in no cell.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Cells {
+pub struct Cells {
     side: usize,
     columns: usize,
     rows: usize,
 }
 
 impl Cells {
-    pub(super) fn of(width: usize, height: usize) -> Self {
+    /// The cells of a canvas of `width` x `height` px.
+    pub fn of(width: usize, height: usize) -> Self {
         let side = ((width * height / CELLS) as f64).sqrt() as usize;
         let side = side.max(LEAST_SIDE).min(width.min(height)).max(1);
         Self { side, columns: width / side, rows: height / side }
@@ -100,6 +103,14 @@ impl Brightness {
         self.median(reference, |mine, its| mine[0] / its[0])
     }
 
+    /// Median ratio of a channel (0: luma, 1 to 3: red, green, blue) over the common cells that are not dark in it.
+    pub(crate) fn channel_ratio(&self, reference: &Self, channel: usize) -> Option<f64> {
+        self.median(reference, |mine, its| {
+            let is_lit = mine[channel].min(its[channel]) >= LEAST_MEAN;
+            if is_lit { mine[channel] / its[channel] } else { f32::NAN }
+        })
+    }
+
     /// Median ratios of red over green and of blue over green, over the common cells.
     pub(crate) fn balance_ratio(&self, reference: &Self) -> Option<[f64; 2]> {
         let over_green = |channel: usize| {
@@ -108,14 +119,29 @@ impl Brightness {
         Some([over_green(1)?, over_green(3)?])
     }
 
-    fn median(&self, reference: &Self, ratio: impl Fn(&[f32; 4], &[f32; 4]) -> f32) -> Option<f64> {
-        if self.means.len() != reference.means.len() {
+    /// How much the ratio of luma varies over the common cells: half the range without the outermost 2 % on either
+    /// side, natural logarithm; none with too few common cells. Neither light nor, much, defocus affects it. An object
+    /// may fill few of the cells.
+    pub(crate) fn variation(&self, other: &Self) -> Option<f64> {
+        let mut ratios = self.ratios(other, |mine, its| (mine[0] / its[0]).ln());
+        if ratios.len() < LEAST_COMMON {
             return None;
         }
+        let [low, high] = [0.02, 0.98].map(|q| statistics::quantile_interpolated(&mut ratios, q));
+        Some(f64::from((high? - low?) / 2.0))
+    }
+
+    fn median(&self, reference: &Self, ratio: impl Fn(&[f32; 4], &[f32; 4]) -> f32) -> Option<f64> {
+        statistics::quantile_interpolated(&mut self.ratios(reference, ratio), 0.5).map(f64::from)
+    }
+
+    /// A ratio in each common cell where it is finite.
+    fn ratios(&self, reference: &Self, ratio: impl Fn(&[f32; 4], &[f32; 4]) -> f32) -> Vec<f32> {
+        if self.means.len() != reference.means.len() {
+            return Vec::new();
+        }
         let pairs = self.means.iter().zip(&reference.means);
-        let mut ratios: Vec<f32> =
-            pairs.map(|(mine, its)| ratio(mine, its)).filter(|ratio| ratio.is_finite()).collect();
-        statistics::quantile_interpolated(&mut ratios, 0.5).map(f64::from)
+        pairs.map(|(mine, its)| ratio(mine, its)).filter(|ratio| ratio.is_finite()).collect()
     }
 }
 

@@ -17,9 +17,9 @@ use crate::{
     types::Error,
 };
 
-use brightness::{Cells, RowSums};
+use brightness::RowSums;
 
-pub(super) use brightness::Brightness;
+pub use brightness::{Brightness, Cells};
 pub use fingerprint::Fingerprint;
 
 /// Measures the slices of one stack, one at a time, in any order and from any thread.
@@ -31,7 +31,6 @@ pub struct SliceMeter<'a> {
     object: Option<&'a Plane<u8>>,
     blocks: Blocks,
     points: Points,
-    cells: Cells,
 }
 
 /// What the meter takes from the rows of a slice while it is warped.
@@ -43,8 +42,13 @@ pub struct RowMeasurements {
 
 impl RowMeasurements {
     /// Takes the row `y` of samples of a warped slice, after the gain `gain`.
-    pub fn take_samples<S: Sample>(&mut self, meter: &SliceMeter<'_>, y: usize, row: &[S], channels: usize, gain: f64) {
-        self.brightness.extend(RowSums::of(meter.cells, y, row, channels, usable(gain)));
+    pub fn take_samples<S: Sample>(&mut self, cells: Cells, y: usize, row: &[S], channels: usize, gain: f64) {
+        self.brightness.extend(RowSums::of(cells, y, row, channels, usable(gain)));
+    }
+
+    /// The brightness of a slice of which all rows of samples (of `S`, with `channels` channels) were taken.
+    pub fn brightness<S: Sample>(&self, cells: Cells, coverage: &Coverage, channels: usize, gain: f64) -> Brightness {
+        Brightness::of(cells, &self.brightness, coverage, channels, S::DEPTH.max(), usable(gain))
     }
 
     /// Takes the row `y` of the focus measure, which is valid in `known` columns. Call it in ascending order of rows.
@@ -116,8 +120,7 @@ impl<'a> SliceMeter<'a> {
     pub fn new(width: usize, height: usize, slices: usize, reference: usize, object: Option<&'a Plane<u8>>) -> Self {
         let object = object.filter(|object| object.width == width && object.height == height);
         let (blocks, points) = (Blocks::of(width, height, object), Points::of(width, height, object));
-        let cells = Cells::of(width, height);
-        Self { width, height, reference: reference.min(slices.saturating_sub(1)), object, blocks, points, cells }
+        Self { width, height, reference: reference.min(slices.saturating_sub(1)), object, blocks, points }
     }
 
     /// The points at which the focus measure of every slice is kept: see [`Points::pick`].
@@ -140,8 +143,8 @@ impl<'a> SliceMeter<'a> {
         &self.blocks
     }
 
-    /// Measures warped slice `index`. `rows` is what was taken from all of its rows; `fingerprint` is that of the slice
-    /// before warping. A slice that does not fit the canvas gives no numbers.
+    /// Measures warped slice `index`. `rows` is what was taken from all of its rows, `brightness` follows from it, and
+    /// `fingerprint` is that of the slice before warping. A slice that does not fit the canvas gives no numbers.
     ///
     /// # Errors
     /// The error of reading the samples.
@@ -150,11 +153,12 @@ impl<'a> SliceMeter<'a> {
         index: usize,
         slice: &WarpedSlice<'_, S>,
         rows: RowMeasurements,
+        brightness: Brightness,
         fingerprint: Fingerprint,
     ) -> Result<SliceMeasurements, Error> {
         let gain = usable(slice.gain);
         let size = (slice.coverage.width(), slice.coverage.height());
-        let RowMeasurements { saliency, brightness } = rows;
+        let saliency = rows.saliency;
         let fits = size == (self.width, self.height) && saliency.len() == self.points.count();
         let mut measured = SliceMeasurements {
             index,
@@ -163,7 +167,7 @@ impl<'a> SliceMeter<'a> {
             clipped: None,
             covered: None,
             gain,
-            brightness: Brightness::default(),
+            brightness,
             fingerprint,
             saliency,
         };
@@ -172,8 +176,6 @@ impl<'a> SliceMeter<'a> {
             return Ok(measured);
         }
         measured.covered = ratio(slice.coverage.pixels() as f64, (self.width * self.height) as f64);
-        let (channels, max) = (slice.channels, S::DEPTH.max());
-        measured.brightness = Brightness::of(self.cells, &brightness, slice.coverage, channels, max, gain);
         // pixels whose eight neighbours are covered too
         let inner = slice.coverage.eroded(1);
         let mut sums = BlockSums::default();

@@ -33,16 +33,19 @@ fn measure_samples<S: Sample>(
         let rows = rect.y..rect.y + rect.height;
         Ok(rows.flat_map(|y| row_of(y, rect.x..rect.x + rect.width)).copied().collect())
     };
+    let cells = Cells::of(width, height);
     let bands = [0..height / 3, height / 3..height].map(|band| {
         let mut rows = RowMeasurements::default();
         for y in band {
-            rows.take_samples(meter, y, row_of(y, 0..width), channels, gain);
+            rows.take_samples(cells, y, row_of(y, 0..width), channels, gain);
             rows.take_saliency(meter, y, &vec![1.0; width], &(0..width));
         }
         rows
     });
     let slice = WarpedSlice { samples: &read, channels, coverage, gain };
-    meter.measure(1, &slice, RowMeasurements::join(bands.into()), Fingerprint::default()).expect("it can be read")
+    let rows = RowMeasurements::join(bands.into());
+    let brightness = rows.brightness::<S>(cells, coverage, channels, gain);
+    meter.measure(1, &slice, rows, brightness, Fingerprint::default()).expect("it can be read")
 }
 
 fn measure(meter: &SliceMeter<'_>, luma: &Plane<u8>, coverage: &Coverage, gain: f64) -> SliceMeasurements {
@@ -130,7 +133,8 @@ fn samples_that_cannot_be_read_are_an_error() {
     let slice = WarpedSlice { samples: &read, channels: 1, coverage: &coverage, gain: 1.0 };
     let mut rows = RowMeasurements::default();
     (0..HEIGHT).for_each(|y| rows.take_saliency(&meter, y, &[1.0; WIDTH], &(0..WIDTH)));
-    let error = meter.measure(0, &slice, rows, Fingerprint::default()).expect_err("nothing can be read");
+    let measured = meter.measure(0, &slice, rows, Brightness::default(), Fingerprint::default());
+    let error = measured.expect_err("nothing can be read");
     assert!(error.detail.contains("the disk is gone"), "{}", error.detail);
 }
 

@@ -12,6 +12,7 @@ use super::{
     super::files::{stack_members, write_png, write_target, write_zip},
     setup::Setup,
 };
+use crate::cli::output::note;
 use pinstack_science::{
     imaging::{Raster, Samples},
     photogrammetry::bundle::{self, Content, Layout},
@@ -32,9 +33,9 @@ pub(super) const TRUTH: &str = "truth";
 
 /// Renders all files into `out`.
 pub(super) fn write(setup: &Setup, out: &Path) -> Result<()> {
-    eprintln!("rendering the dot target");
+    note("rendering the dot target");
     write_target(&setup.rig, &setup.target(), &out.join(TARGET))?;
-    eprintln!("rendering {} views", setup.views.len());
+    note(format!("rendering {} views", setup.views.len()));
     let knocked = setup.knocked_view();
     let members = setup.views.iter().flat_map(|&angles| {
         let stage = if angles == knocked { setup.knocked_stage() } else { setup.stage(angles) };
@@ -43,7 +44,7 @@ pub(super) fn write(setup: &Setup, out: &Path) -> Result<()> {
     });
     write_zip(members, &out.join(SCAN))?;
     write_zip(stack_members(&setup.stage(knocked)).into_iter(), &out.join(RETAKE))?;
-    eprintln!("rendering the truth");
+    note("rendering the truth");
     write_truth(setup, &out.join(TRUTH))
 }
 

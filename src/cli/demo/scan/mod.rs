@@ -22,6 +22,7 @@ use self::{
     setup::{SCAN, Setup},
 };
 use super::client::{Client, start_service};
+use crate::cli::output::{note, say};
 use pinstack_science::{
     archive::{self, ArchiveLimits},
     imaging::{Raster, codec},
@@ -62,23 +63,23 @@ impl ScanDemo {
         tokio::task::spawn_blocking(move || files::write(&rendering, &out)).await??;
         let rendered = begin.elapsed();
         if self.render_only {
-            println!("{}", self.left(&[]));
-            println!("{}", settings(&setup));
+            say(self.left(&[]));
+            say(settings(&setup));
             return Ok(());
         }
         let service = start_service(data).await?;
         let url = format!("http://{}", service.address());
         let scan = Scan { client: Client::new(url.clone()), setup: &setup, out: &self.out };
         let figures = scan.run().await?;
-        println!("{}", figures.table());
-        println!(
+        say(figures.table());
+        say(format!(
             "time          rendering {:.1} s, in all {:.1} s",
             rendered.as_secs_f64(),
             begin.elapsed().as_secs_f64()
-        );
-        println!("{}", self.left(&["bundle.zip", "poses.txt", "figures.json"]));
+        ));
+        say(self.left(&["bundle.zip", "poses.txt", "figures.json"]));
         if self.keep {
-            println!("\nThe service is still running; Ctrl-C stops it. In a browser: {url}/scans/{SCAN}");
+            say(format!("\nThe service is still running; Ctrl-C stops it. In a browser: {url}/scans/{SCAN}"));
             tokio::signal::ctrl_c().await?;
         }
         service.stop().await
@@ -124,7 +125,7 @@ impl Scan<'_> {
         let table = self.table().await?;
         let views = table["views"].as_array().context("a scan has views")?;
         let mut figures = Vec::new();
-        eprintln!("comparing with the truth");
+        note("comparing with the truth");
         for view in views {
             let name = view["name"].as_str().context("a view has a name")?;
             let fused = self.pictures(view["stack"].as_str().context("a view has a stack")?).await?;
@@ -159,7 +160,7 @@ impl Scan<'_> {
             self.setup.target().pitch_mm
         );
         let zip = self.out.join(files::TARGET);
-        eprintln!("calibrating");
+        note("calibrating");
         let made = self.client.run_job(&path, &zip).await?;
         let grade = made["result"]["grade"].as_str().unwrap_or("unknown").to_owned();
         Ok((grade, self.client.get_json(&format!("/v1/profiles/{RIG}/{LENS}")).await?))
@@ -172,12 +173,12 @@ impl Scan<'_> {
             "specimen": "rendered beetle"
         });
         self.client.put_json(&format!("/v1/scans/{SCAN}"), &scan).await?;
-        eprintln!("sending the views");
+        note("sending the views");
         let (sent, _) = self.client.upload(&format!("/v1/scans/{SCAN}/archive"), &self.out.join(files::SCAN)).await?;
         let views = sent["views"].as_array().context("the answer lists the views")?;
         for (at, view) in views.iter().enumerate() {
             let stack = view["stack"].as_str().context("a view has a stack")?;
-            eprintln!("fusing view {} of {}", at + 1, views.len());
+            note(format!("fusing view {} of {}", at + 1, views.len()));
             self.client.wait_for(stack).await?;
         }
         Ok(())
@@ -191,7 +192,7 @@ impl Scan<'_> {
             angles.pan_deg, angles.tilt_deg
         );
         let zip = self.out.join(files::RETAKE);
-        eprintln!("fusing the view that was photographed again");
+        note("fusing the view that was photographed again");
         self.client.run_job(&path, &zip).await?;
         Ok(())
     }

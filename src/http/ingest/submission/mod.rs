@@ -86,7 +86,10 @@ impl Submission {
     /// `size_mismatch`, `slice_count_mismatch` and others, with the number found and the number expected.
     pub fn to_request(&self, upload: Upload, layout: StackLayout) -> Result<(JobRequest, Vec<Warning>), Fault> {
         match self {
-            Self::Stack(stack) => Ok((JobRequest::Stack(stack.to_request(upload, layout)?), Vec::new())),
+            Self::Stack(stack) => {
+                let warnings = stack.unknown_orientation(&layout).into_iter().collect();
+                Ok((JobRequest::Stack(stack.to_request(upload, layout)?), warnings))
+            }
             Self::Calibration(calibration) => {
                 let (request, warnings) = calibration.to_request(upload, layout)?;
                 Ok((JobRequest::Calibration(request), warnings))

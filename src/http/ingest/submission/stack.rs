@@ -13,7 +13,11 @@ use crate::{
     http::{ApiError, ApiResult, App, auth::Caller, extract::path::name, ingest::fields::Fields, profiles, scans},
     jobs::{disk::disk_need_by_profile, mask_params},
 };
-use pinstack_science::{archive, segmentation::MaskParams, types::stack_layout::StackLayout};
+use pinstack_science::{
+    archive,
+    segmentation::MaskParams,
+    types::{Warning, WarningCode, stack_layout::StackLayout},
+};
 
 /// A stack to fuse with one revision of a profile.
 pub struct StackSubmission {
@@ -99,17 +103,34 @@ impl StackSubmission {
         })
     }
 
+    /// A warning for turned slices, if the profile does not know the orientation of those it was measured in.
+    pub(super) fn unknown_orientation(&self, layout: &StackLayout) -> Option<Warning> {
+        let is_turned = layout.orientation != 1 && self.profile.input.orientation.is_none();
+        let detail = format!(
+            "the slices are turned by their orientation tag ({}), and the profile does not say in which orientation it was \
+             measured; if contours are double, switch off the automatic rotation of the camera, or remove the tag; a new \
+             calibration records the orientation",
+            layout.orientation
+        );
+        is_turned.then(|| Warning::new(WarningCode::OrientationUnknown, detail))
+    }
+
     fn check(&self, layout: &StackLayout) -> Result<(), Fault> {
         let Profile { rig, lens, revision, slice_count, input, .. } = &self.profile;
         let profile = format!("the profile of rig '{rig}' and lens '{lens}' (revision {revision})");
         if layout.front.len() != *slice_count as usize {
             let found = layout.front.len();
-            let skipped = archive::skipped(&layout.front).map_or(String::new(), |skipped| format!(": {skipped}"));
+            let copies = archive::copies(&layout.front);
+            let why = archive::copied(&layout.front).or_else(|| archive::skipped(&layout.front));
+            let why = why.map_or(String::new(), |why| format!(": {why}"));
             let detail = format!(
-                "the archive has {found} front-light slices, {profile} has {slice_count}{skipped}; send all slices of the \
-                 stack, or calibrate again with this number of slices"
+                "the archive has {found} front-light slices, {profile} has {slice_count}{why}; send all slices of the \
+                 stack once, or calibrate again with this number of slices"
             );
-            return Err(Fault::new(Code::SliceCountMismatch, detail));
+            return Err(copies.iter().fold(Fault::new(Code::SliceCountMismatch, detail), |fault, copy| {
+                let slice = layout.front.iter().position(|name| name == copy).and_then(|at| u32::try_from(at).ok());
+                fault.in_file(*copy, slice)
+            }));
         }
         if !layout.back.is_empty() && layout.back.len() != layout.front.len() {
             let (front, back) = (layout.front.len(), layout.back.len());
@@ -134,6 +155,16 @@ impl StackSubmission {
             };
             let detail = format!(
                 "the slices have {width} x {height} px{turned}; {profile} is for {expected_width} x {expected_height} px{advice}"
+            );
+            return Err(Fault::new(Code::SizeMismatch, detail));
+        }
+        if let Some(expected) = input.orientation.filter(|expected| *expected != layout.orientation) {
+            let detail = format!(
+                "the slices have the orientation tag {} (1 is none), but {profile} was measured in slices of orientation \
+                 {expected}: its homographies belong to the sensor and do not fit turned pictures; switch off the \
+                 automatic rotation of the camera, and set the tag of all slices to {expected} (exiftool -n \
+                 -Orientation={expected} *.jpg), or calibrate again",
+                layout.orientation
             );
             return Err(Fault::new(Code::SizeMismatch, detail));
         }

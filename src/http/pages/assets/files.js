@@ -1,8 +1,21 @@
 // What was dropped or chosen: files with their paths, and how the server groups them into views.
-import { json } from './page.js';
+import { json, link } from './page.js';
 
 const PICTURE = /\.(jpe?g|png|tiff?)$/i;
-const SKIPPED = /(^|\/)(__MACOSX|\.[^/]*|Thumbs\.db|desktop\.ini)(\/|$)/i;
+// Folders that systems, file servers and file managers put beside pictures, in lower case. Names that begin with a dot
+// are skipped too. The service and the Python client have the same list.
+const SKIPPED_FOLDERS = [
+  '__macosx', '@eadir', '#recycle', '#snapshot', '@recycle', '@recently-snapshot', '@__thumb', '@transcode', '@tmp',
+  '$recycle.bin', 'recycler', 'system volume information', 'lost+found', 'network trash folder', 'temporary items',
+];
+const SKIPPED_FILES = ['thumbs.db', 'ehthumbs.db', 'desktop.ini'];
+
+function isSkipped(path) {
+  const parts = path.toLowerCase().split('/');
+  const name = parts.pop();
+  return name.startsWith('.') || SKIPPED_FILES.includes(name)
+    || parts.some((folder) => folder.startsWith('.') || SKIPPED_FOLDERS.includes(folder));
+}
 
 async function entries(folder) {
   const reader = folder.createReader();
@@ -40,7 +53,7 @@ export function chosen(input) {
 
 /** What files are: one zip, or pictures to be packed in the order of their paths. */
 export function sorted(files) {
-  const useful = files.filter(({ path }) => !SKIPPED.test(path));
+  const useful = files.filter(({ path }) => !isSkipped(path));
   const zips = useful.filter(({ path }) => /\.zip$/i.test(path));
   if (zips.length === 1 && useful.length === 1) return { zip: zips[0].file };
   const pictures = useful.filter(({ path }) => PICTURE.test(path) || /(^|\/)manifest\.json$/i.test(path));
@@ -58,5 +71,5 @@ export async function grouped(pictures) {
   if (listed.length) {
     try { manifest = JSON.parse(await listed[0].file.text()); } catch { throw new Error(`${listed[0].path} is not JSON`); }
   }
-  return json('POST', '/v1/groupings', { names, manifest });
+  return json('POST', link('/v1/groupings'), { names, manifest });
 }

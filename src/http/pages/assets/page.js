@@ -1,5 +1,11 @@
 // What the scripts of all pages use: calls of the API, errors in words, dialogs.
 
+/** Path of the service for this browser, which may be below a sub-path; this file is at `web/VERSION/page.js` in it. */
+const ROOT = new URL('../..', import.meta.url).pathname.slice(0, -1);
+
+/** The URL of a path of the service. */
+export const link = (path) => ROOT + path;
+
 /** An error with the sentence of the server. */
 export class Refused extends Error {
   constructor(status, detail, code) {
@@ -27,7 +33,7 @@ export async function call(method, url, body, headers = {}) {
     throw new Refused(0, 'the server does not answer; check the network, then try again');
   }
   if (response.status === 401) {
-    location.assign(`/sign-in?next=${encodeURIComponent(location.pathname + location.search)}`);
+    location.assign(link(`/sign-in?next=${encodeURIComponent(location.pathname.slice(ROOT.length) + location.search)}`));
   }
   if (!response.ok && response.status !== 304) throw await refusal(response);
   return response;

@@ -1,9 +1,9 @@
 // The page of a scan: its views as they are fused, its buttons, and the report on poses.
-import { call, confirmed, element, json, tell } from './page.js';
+import { call, confirmed, element, json, link, tell } from './page.js';
 import { follow } from './live.js';
 
 const box = document.getElementById('views');
-const url = `/v1/scans/${encodeURIComponent(box.dataset.scan)}`;
+const url = link(`/v1/scans/${encodeURIComponent(box.dataset.scan)}`);
 const by = (id) => document.getElementById(id);
 follow(box, 'views');
 
@@ -22,7 +22,7 @@ by('delete')?.addEventListener('click', async () => {
   tell('told', '');
   try {
     await call('DELETE', `${url}?stacks=delete`);
-    location.assign('/scans');
+    location.assign(link('/scans'));
   } catch (error) { tell('told', error.message); }
 });
 

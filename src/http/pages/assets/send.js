@@ -1,5 +1,5 @@
 // The page that sends: what was chosen is shown, packed if it is a folder, and uploaded.
-import { bytes, call, duration, element, json, sentence, tell } from './page.js';
+import { bytes, call, duration, element, json, link, sentence, tell } from './page.js';
 import { chosen, dropped, grouped, sorted } from './files.js';
 import { Upload } from './tus.js';
 import { zipped } from './zip.js';
@@ -141,7 +141,7 @@ form.addEventListener('submit', async (event) => {
 /** Creates a scan that does not exist yet. */
 async function makeScan(name, { rig, lens }) {
   try {
-    await call('PUT', `/v1/scans/${encodeURIComponent(name)}`, JSON.stringify({ rig, lens }), { 'content-type': 'application/json', 'if-none-match': '*' });
+    await call('PUT', link(`/v1/scans/${encodeURIComponent(name)}`), JSON.stringify({ rig, lens }), { 'content-type': 'application/json', 'if-none-match': '*' });
   } catch (error) {
     if (error.status !== 412) throw error;
   }
@@ -216,9 +216,9 @@ async function start(what, metadata) {
 /** What became of an upload: a link, and for a scan how it was grouped. */
 async function made(job, metadata) {
   if (metadata.purpose === 'scan') {
-    return [element('p', {}, 'Everything has arrived. ', element('a', { href: `/scans/${encodeURIComponent(metadata.scan)}` }, `See the scan ${metadata.scan}`))];
+    return [element('p', {}, 'Everything has arrived. ', element('a', { href: link(`/scans/${encodeURIComponent(metadata.scan)}`) }, `See the scan ${metadata.scan}`))];
   }
-  const page = job.replace(/^\/v1/, '');
+  const page = link(job.replace(/^.*\/v1(?=\/)/, ''));
   const shown = [element('p', {}, 'Everything has arrived. ', element('a', { href: page }, metadata.purpose === 'calibration' ? 'See the calibration' : 'See the stack'))];
   const { warnings = [] } = await json('GET', job).catch(() => ({}));
   if (warnings.length) {

@@ -1,10 +1,10 @@
 // The page of one stack: its viewer, its progress, and its buttons.
-import { call, confirmed, json, tell } from './page.js';
+import { call, confirmed, json, link, tell } from './page.js';
 import { follow } from './live.js';
 import { Viewer } from './viewer.js';
 
 const state = document.getElementById('state');
-const url = `/v1/stacks/${state.dataset.stack}`;
+const url = link(`/v1/stacks/${state.dataset.stack}`);
 const by = (id) => document.getElementById(id);
 
 function isEnded() {
@@ -32,7 +32,7 @@ by('delete')?.addEventListener('click', async () => {
   if (!await confirmed('Delete this stack, its results and the zip that was sent? This cannot be undone.', 'Delete')) return;
   await act(by('delete'), async () => {
     await call('DELETE', url);
-    location.assign('/');
+    location.assign(link('/'));
   });
 });
 
@@ -47,7 +47,7 @@ by('rerun')?.addEventListener('submit', async (event) => {
   button.disabled = true;
   try {
     const made = await json('POST', `${url}/rerun`, options);
-    location.assign(`/stacks/${made.id}`);
+    location.assign(link(`/stacks/${made.id}`));
   } catch (error) {
     button.disabled = false;
     tell('rerun-told', error.message);

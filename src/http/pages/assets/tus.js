@@ -1,7 +1,7 @@
 // Sends a Blob by tus 1.0.0 (core and creation): in pieces, each of which is on the disk of the server before the next
 // one begins. After an error it asks how much has arrived, and goes on from there. The URL of an unfinished upload is
 // kept in the browser under a key that the caller makes of the file and its options.
-import { Refused } from './page.js';
+import { link, Refused } from './page.js';
 
 const PIECE = 16 * 1024 * 1024;
 const PAUSES_S = [1, 2, 5, 10, 20, 30];
@@ -47,7 +47,8 @@ export class Upload {
       } catch (error) {
         if (this.isPaused || this.isRemoved) { this.isUnsure = true; continue; }
         if (error.isGone) { keep(this.key, null); this.url = null; this.sent = 0; continue; }
-        if (!isTemporary(error.status)) { keep(this.key, null); throw error; }
+        // the URL stays: once a right or a proxy is mended, the upload goes on; a refused one begins anew
+        if (!isTemporary(error.status)) throw error;
         this.isUnsure = true;
         await this.pause(error);
       }
@@ -77,7 +78,7 @@ export class Upload {
       this.url = null;
     }
     const metadata = Object.entries(this.metadata).map(([name, value]) => `${name} ${base64(value)}`).join(',');
-    const made = await this.request('POST', '/v1/uploads', null, { 'Upload-Length': this.blob.size, 'Upload-Metadata': metadata });
+    const made = await this.request('POST', link('/v1/uploads'), null, { 'Upload-Length': this.blob.size, 'Upload-Metadata': metadata });
     if (!made.ok) throw made.error();
     this.url = made.header('Location');
     this.sent = 0;

@@ -31,6 +31,8 @@ struct Docs;
 const README: &str = include_str!("../../../../README.md");
 /// The page that explains each warning: a heading per code.
 const WARNINGS: &str = "TROUBLESHOOTING";
+/// Path of the first page, with which the links within the guide begin.
+const GUIDE: &str = "/guide";
 /// A page with more headings than this has a list of them at its top.
 const FEW_HEADINGS: usize = 3;
 
@@ -53,13 +55,13 @@ fn name(path: &str) -> Option<String> {
     }
 }
 
-/// The URL of a file of the project; `None` for files that the guide does not have.
+/// The path of a file of the project, at which [`shown`] finds it; `None` for files that the guide does not have.
 fn url(path: &str) -> Option<String> {
     match name(path) {
-        Some(name) if name.is_empty() => Some("/guide".to_owned()),
-        Some(name) => Some(format!("/guide/{name}")),
+        Some(name) if name.is_empty() => Some(GUIDE.to_owned()),
+        Some(name) => Some(format!("{GUIDE}/{name}")),
         None => {
-            path.strip_prefix("docs/").filter(|file| Docs::get(file).is_some()).map(|file| format!("/guide/{file}"))
+            path.strip_prefix("docs/").filter(|file| Docs::get(file).is_some()).map(|file| format!("{GUIDE}/{file}"))
         }
     }
 }
@@ -67,7 +69,7 @@ fn url(path: &str) -> Option<String> {
 /// Where the guide explains a warning or note of a stack; `None` if it does not.
 pub fn explanation(code: &str) -> Option<String> {
     let is_there = PAGES.get(WARNINGS)?.headings.iter().any(|heading| heading.id == code);
-    is_there.then(|| format!("/guide/{WARNINGS}#{code}"))
+    is_there.then(|| link!("/guide/{WARNINGS}#{code}"))
 }
 
 /// The first page, `docs/README.md`.
@@ -84,7 +86,7 @@ pub async fn start(user: PageUser) -> ApiResult<Response> {
 /// `not_found`.
 pub async fn page(Path(name): Path<String>, user: PageUser) -> ApiResult<Response> {
     if let Some(page) = name.strip_suffix(".md").filter(|page| PAGES.contains_key(*page)) {
-        return Ok(Redirect::permanent(&format!("/guide/{page}")).into_response());
+        return Ok(Redirect::permanent(&link!("/guide/{page}")).into_response());
     }
     match media_type(&name).and_then(|media_type| Some((media_type, Docs::get(&name)?))) {
         Some((media_type, file)) => Ok(([(header::CONTENT_TYPE, media_type)], file.data.into_owned()).into_response()),
@@ -103,13 +105,16 @@ fn media_type(name: &str) -> Option<&'static str> {
 fn shown(name: &str, user: &PageUser) -> ApiResult<Response> {
     let missing = || ApiError::new(Code::NotFound, "the guide has no such page; its first page is /guide");
     let page = PAGES.get(name).ok_or_else(missing)?;
+    // the pages are made once, for all clients; a quote within text is escaped
+    let guide = link!("{GUIDE}");
+    let html = page.html.replace(&format!("=\"{GUIDE}"), &format!("=\"{guide}"));
     let frame = Frame { title: &page.title, place: Place::Elsewhere, user: Some(user), script: None };
     Ok(frame.answer(html! {
         article.guide {
-            @if !name.is_empty() { p.crumbs { a href="/guide" { "Guide" } } }
+            @if !name.is_empty() { p.crumbs { a href=(link!("/guide")) { "Guide" } } }
             h1 { (text(&page.title)) }
             (contents(&page.headings))
-            (PreEscaped(&page.html))
+            (PreEscaped(html))
         }
     }))
 }

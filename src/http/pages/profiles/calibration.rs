@@ -38,16 +38,16 @@ pub async fn page(State(app): State<App>, user: PageUser, JobId(id): JobId, uri:
     Ok(frame.answer(html! {
         div.head {
             div {
-                p.crumbs { a href="/profiles" { "Profiles" } " / Calibration" }
+                p.crumbs { a href=(link!("/profiles")) { "Profiles" } " / Calibration" }
                 h1 { (text(&name)) }
-                p.soft { a href={ "/profiles/" (job.rig) "/" (job.lens) } { (job.rig) " · " (job.lens) } }
+                p.soft { a href=(link!("/profiles/{}/{}", job.rig, job.lens)) { (job.rig) " · " (job.lens) } }
             }
             @if user.profiles && !job.state.is_final() {
                 div.buttons { button type="button" id="cancel" disabled[job.cancel_requested] { "Cancel" } }
             }
         }
         p id="told" role="alert" {}
-        div id="state" data-url={ "/v1/calibrations/" (id) } { (state) }
+        div id="state" data-url=(link!("/v1/calibrations/{id}")) { (state) }
     }))
 }
 
@@ -63,7 +63,7 @@ fn state(job: &Job, queue: &[Uuid]) -> Markup {
             @if let Some(outcome) = outcome {
                 p.lead { (sentence(&outcome.verdict)) }
                 @if outcome.artifacts.iter().any(|artifact| artifact.name == REPORT) {
-                    p { a.button.main href={ "/v1/calibrations/" (job.id) "/report" } { "Open the report" } }
+                    p { a.button.main href=(link!("/v1/calibrations/{}/report", job.id)) { "Open the report" } }
                 }
                 @if let Some(revision) = outcome.profile_revision { p { "It is revision " (revision) " of the profile." } }
             }

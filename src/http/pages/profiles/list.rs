@@ -39,12 +39,12 @@ pub async fn page(State(app): State<App>, user: PageUser, uri: Uri) -> ApiResult
     Ok(frame.answer(html! {
         div.head {
             div { h1 { "Profiles" } p.soft { "A profile describes how each slice of a rig and lens is laid onto the reference slice." } }
-            @if user.profiles { a.button.main href="/send?purpose=calibration" { "Calibrate" } }
+            @if user.profiles { a.button.main href=(link!("/send?purpose=calibration")) { "Calibrate" } }
         }
         @if profiles.items.is_empty() {
             div.empty {
                 p.lead { "There are no profiles yet." }
-                p { a href="/plan" { "Print a dot target" } ", photograph it at every rail position, and send the pictures as a calibration." }
+                p { a href=(link!("/plan")) { "Print a dot target" } ", photograph it at every rail position, and send the pictures as a calibration." }
             }
         } @else {
             div.wide tabindex="0" role="region" aria-label="Profiles" { table {
@@ -54,7 +54,7 @@ pub async fn page(State(app): State<App>, user: PageUser, uri: Uri) -> ApiResult
                     th.l scope="col" { "Written" } th.l scope="col" { "Note" }
                 } }
                 tbody { @for profile in &profiles.items { tr {
-                    td.l { a href={ "/profiles/" (profile.rig) "/" (profile.lens) } { (profile.rig) } }
+                    td.l { a href=(link!("/profiles/{}/{}", profile.rig, profile.lens)) { (profile.rig) } }
                     td.l { (profile.lens) }
                     td { (profile.revision) } td { (profile.slice_count) }
                     td { (profile.image_width) " × " (profile.image_height) }
@@ -63,13 +63,13 @@ pub async fn page(State(app): State<App>, user: PageUser, uri: Uri) -> ApiResult
                 } } }
             } }
         }
-        (pager("/profiles", &[], is_first, profiles.next_cursor.as_deref()))
+        (pager(&link!("/profiles"), &[], is_first, profiles.next_cursor.as_deref()))
         @if !calibrations.items.is_empty() {
             h2 { "Latest calibrations" }
             div.wide tabindex="0" role="region" aria-label="Latest calibrations" { table {
                 thead { tr { @for head in ["Calibration", "Rig and lens", "State", "Sent", "Remarks"] { th.l scope="col" { (head) } } } }
                 tbody { @for job in &calibrations.items { tr {
-                    td.l { a href={ "/calibrations/" (job.id) } { (text(&name(job))) } }
+                    td.l { a href=(link!("/calibrations/{}", job.id)) { (text(&name(job))) } }
                     td.l { (job.rig) " · " (job.lens) }
                     td.l { (state(job.state)) }
                     td.l { (ago(job.created_at, now)) }

@@ -31,13 +31,13 @@ pub async fn page(State(app): State<App>, user: PageUser, ProfileKey { rig, lens
     let numbers: Vec<u32> = revisions.items.iter().map(|revision| revision.revision).collect();
     let drift = drift_plot::plot(&app, &rig, &lens, &numbers).await?;
     let title = format!("{rig} · {lens}");
-    let export = format!("/v1/profiles/{rig}/{lens}/export");
+    let export = link!("/v1/profiles/{rig}/{lens}/export");
     let frame = Frame { title: &title, place: Place::Profiles, user: Some(&user), script: None };
     Ok(frame.answer(html! {
         div.head {
-            div { p.crumbs { a href="/profiles" { "Profiles" } } h1 { (title) } }
+            div { p.crumbs { a href=(link!("/profiles")) { "Profiles" } } h1 { (title) } }
             div.buttons {
-                a.button href={ "/?rig=" (rig) "&lens=" (lens) } { "Its stacks" }
+                a.button href=(link!("/?rig={rig}&lens={lens}")) { "Its stacks" }
                 a.button href=(export) download { "Export" }
                 a.button href={ (export) "?format=npz" } download { "Arrays (npz)" }
             }
@@ -84,7 +84,7 @@ fn table(revisions: &[ProfileSummary], export: &str) -> Markup {
                 td { (revision.slice_count) }
                 td.l {
                     @match revision.calibration_id {
-                        Some(id) => { a href={ "/v1/calibrations/" (id) "/report" } { "calibration report" } }
+                        Some(id) => { a href=(link!("/v1/calibrations/{id}/report")) { "calibration report" } }
                         None => { "uploaded numbers" }
                     }
                 }

@@ -49,7 +49,7 @@ fn explained(code: &str) -> Markup {
 
 /// The files.
 pub fn files(job: &Job, outcome: Option<&StackOutcome>) -> Markup {
-    let link = |name: &str| format!("/v1/stacks/{}/{name}", job.id);
+    let link = |name: &str| link!("/v1/stacks/{}/{name}", job.id);
     let upload = job.request.upload();
     html! {
         section {
@@ -81,10 +81,10 @@ pub fn facts(job: &Job, request: &StackRequest, outcome: Option<&StackOutcome>) 
             h2 { "About this stack" }
             dl.facts {
                 dt { "Rig and lens" }
-                dd { a href={ "/profiles/" (job.rig) "/" (job.lens) } { (job.rig) " · " (job.lens) }
+                dd { a href=(link!("/profiles/{}/{}", job.rig, job.lens)) { (job.rig) " · " (job.lens) }
                     ", profile revision " (request.profile_revision) }
                 @if let Some(scan) = &options.scan {
-                    dt { "Scan" } dd { a href={ "/scans/" (scan) } { (scan) } " " (angles(options)) }
+                    dt { "Scan" } dd { a href=(link!("/scans/{scan}")) { (scan) } " " (angles(options)) }
                 }
                 dt { "Slices" }
                 dd { (layout.front.len()) " front light"
@@ -95,7 +95,7 @@ pub fn facts(job: &Job, request: &StackRequest, outcome: Option<&StackOutcome>) 
                 dt { "Accepted" } dd { (date(job.created_at)) " UTC" }
                 @if let Some(file) = &request.upload.filename { dt { "Sent as" } dd { (text(file)) } }
                 @if let Some(first) = request.rerun_of {
-                    dt { "Fused again from" } dd { a href={ "/stacks/" (first) } { "the stack that was sent" } }
+                    dt { "Fused again from" } dd { a href=(link!("/stacks/{first}")) { "the stack that was sent" } }
                 }
                 dt { "Id" } dd { code { (job.id) } }
             }

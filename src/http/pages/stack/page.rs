@@ -62,7 +62,7 @@ pub async fn page(
     Ok(frame.answer(html! {
         div.head {
             div {
-                p.crumbs { a href="/" { "Stacks" } }
+                p.crumbs { a href=(link!("/")) { "Stacks" } }
                 h1 { (text(&name)) }
             }
             (actions::buttons(&job, &user))

@@ -38,7 +38,7 @@ fn layers(job: &Job, outcome: &StackOutcome, prefix: &str) -> Vec<Layer> {
         let ((named, _), stored) = artifact.layer().zip(artifact.among(&outcome.artifacts))?;
         Some(Layer {
             name: format!("{prefix}{named}"),
-            tiles: format!("/stacks/{}/tiles/{}", job.id, artifact.name()),
+            tiles: link!("/stacks/{}/tiles/{}", job.id, artifact.name()),
             version: stored.sha256.chars().take(12).collect(),
             width: outcome.image.width,
             height: outcome.image.height,
@@ -51,7 +51,7 @@ fn layers(job: &Job, outcome: &StackOutcome, prefix: &str) -> Vec<Layer> {
 fn slices(job: &Job, outcome: &StackOutcome, count: usize) -> impl Iterator<Item = Layer> {
     (0..count).map(move |index| Layer {
         name: format!("Slice {} of {count}, aligned", index + 1),
-        tiles: format!("/stacks/{}/tiles/{SLICE}{index}", job.id),
+        tiles: link!("/stacks/{}/tiles/{SLICE}{index}", job.id),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         width: outcome.image.width,
         height: outcome.image.height,

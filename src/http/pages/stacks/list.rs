@@ -58,7 +58,7 @@ pub async fn list(
     Ok(frame.answer(html! {
         div.head {
             div { h1 { "Stacks" } }
-            @if user.stacks { a.button.main href="/send" { "Send a stack" } }
+            @if user.stacks { a.button.main href=(link!("/send")) { "Send a stack" } }
         }
         (filters(&filter))
         @if page.items.is_empty() && page.skipped.is_empty() {
@@ -66,7 +66,7 @@ pub async fn list(
         }
         div id="rows" { (rows) }
         p.soft id="told" role="status" {}
-        (pager("/", &pairs, is_first, page.next_cursor.as_deref()))
+        (pager(&link!("/"), &pairs, is_first, page.next_cursor.as_deref()))
     }))
 }
 
@@ -105,7 +105,7 @@ fn filters(filter: &JobFilter) -> Markup {
     let names = [("rig", "Rig", &filter.rig), ("lens", "Lens", &filter.lens), ("scan", "Scan", &filter.scan)];
     let is_set = filter.state.is_some() || names.iter().any(|(.., value)| value.is_some());
     html! {
-        form.filters method="get" action="/" role="search" aria-label="Filter the stacks" {
+        form.filters method="get" action=(link!("/")) role="search" aria-label="Filter the stacks" {
             div.fields {
                 div {
                     label for="state" { "State" }
@@ -124,7 +124,7 @@ fn filters(filter: &JobFilter) -> Markup {
                 }
                 div.buttons {
                     button type="submit" { "Filter" }
-                    @if is_set { a href="/" { "Show all" } }
+                    @if is_set { a href=(link!("/")) { "Show all" } }
                 }
             }
         }
@@ -137,12 +137,12 @@ fn empty(filter: &JobFilter, is_first: bool, user: &PageUser) -> Markup {
         div.empty {
             @if is_all && is_first {
                 p.lead { "There are no stacks yet." }
-                p { "A stack needs the profile of its rig and lens. Photograph a " a href="/plan" { "dot target" }
+                p { "A stack needs the profile of its rig and lens. Photograph a " a href=(link!("/plan")) { "dot target" }
                     " at every rail position once, and send these pictures as a calibration. Then send your stacks." }
-                @if user.stacks { p { a.button.main href="/send" { "Send pictures" } } }
+                @if user.stacks { p { a.button.main href=(link!("/send")) { "Send pictures" } } }
             } @else {
                 p.lead { "No stack matches." }
-                p { a href="/" { "Show all stacks" } }
+                p { a href=(link!("/")) { "Show all stacks" } }
             }
         }
     }

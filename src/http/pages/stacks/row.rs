@@ -67,11 +67,11 @@ pub fn row(job: &Job, queue: &[Uuid], now: Timestamp) -> Markup {
         li id={ "job-" (job.id) } data-state=(job.state.as_str()) {
             (thumbnail::picture(job))
             div.what {
-                a.name href={ "/stacks/" (job.id) } { (text(&name(job))) }
+                a.name href=(link!("/stacks/{}", job.id)) { (text(&name(job))) }
                 div.meta {
                     (job.rig) " · " (job.lens)
                     @if let Some(scan) = job.request.scan() {
-                        " · scan " a href={ "/scans/" (scan) } { (scan) }
+                        " · scan " a href=(link!("/scans/{scan}")) { (scan) }
                         @if let Some(angles) = options(job).filter(|options| options.label.is_some()).map(angles).filter(|angles| !angles.is_empty()) { ", " (angles) }
                     }
                     " · " (ago(job.created_at, now))

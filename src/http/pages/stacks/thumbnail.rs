@@ -39,7 +39,7 @@ pub async fn get(State(app): State<App>, JobId(id): JobId, headers: HeaderMap) -
 
 /// URL of the thumbnail of a stack; `digest` is that of its preview.
 pub fn url(id: Uuid, digest: &str) -> String {
-    format!("/stacks/{id}/thumbnail?v={}", digest.get(..12).unwrap_or(digest))
+    link!("/stacks/{id}/thumbnail?v={}", digest.get(..12).unwrap_or(digest))
 }
 
 /// The picture of a stack in a list, or a sign for its absence. The name beside it says what it is.

@@ -19,6 +19,7 @@ fn stack(label: Option<&str>, pan_deg: Option<f64>, tilt_deg: Option<f64>) -> Vi
         profile_digest: String::new(),
         slice_size: [24, 18],
         upload_removed: false,
+        pictures: Vec::new(),
         origin: id,
         result: None,
     }
@@ -68,6 +69,13 @@ fn a_number_that_another_label_ends_with_is_not_given_again() {
     let stems = stems(stacks.into());
     assert_eq!(stems.iter().collect::<std::collections::HashSet<_>>().len(), 3, "{stems:?}");
     assert!(stems.contains(&"bee_1_1".to_owned()), "{stems:?}");
+}
+
+#[test]
+fn a_label_in_another_normal_form_is_the_same_view() {
+    let stacks = ["Ka\u{308}fer", "Käfer"].map(|label| stack(Some(label), None, None));
+    assert_eq!(stems(stacks.into()), ["K_fer"]);
+    assert_eq!(stems(vec![stack(Some("Käfer"), None, None), stack(Some("käfer"), None, None)]).len(), 2);
 }
 
 #[test]

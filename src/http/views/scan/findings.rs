@@ -3,7 +3,7 @@
 use super::{ScanFinding, ScanSummary, ScanView, listed, most_common};
 use crate::{
     contract::JobState,
-    http::scans::{camera::ViewCamera, table::View},
+    http::scans::{camera::ViewCamera, same_pictures, table::View},
 };
 use pinstack_science::types::view::ViewAngles;
 
@@ -15,33 +15,30 @@ pub(super) fn findings(
     missing: &[ViewAngles],
 ) -> Vec<ScanFinding> {
     let mut found = Vec::new();
-    let mut add = |code: &str, detail: String, views: Vec<String>| {
-        found.push(ScanFinding { code: code.to_owned(), detail, views });
-    };
     let named = |is_one: &dyn Fn(&ScanView) -> bool| -> Vec<String> {
         rows.iter().filter(|row| is_one(row)).map(|row| row.name.clone()).collect()
     };
     let failed = named(&|row| matches!(row.state, JobState::Failed | JobState::Cancelled));
     if !failed.is_empty() {
         let detail = format!("no result for {}: see the error of each, then send it or fuse it again", listed(&failed));
-        add("failed_views", detail, failed);
+        found.push(ScanFinding::of("failed_views", detail, failed));
     }
     if !missing.is_empty() {
         let names: Vec<String> = missing.iter().map(ViewAngles::file_stem).collect();
         let detail = format!("no view at {}: take it, or check the angles of the others", listed(&names));
-        add("missing_views", detail, names);
+        found.push(ScanFinding::of("missing_views", detail, names));
     }
     match summary.expected {
         Some(expected) if summary.views < expected => {
             let detail = format!("{} of {expected} expected views have been sent", summary.views);
-            add("fewer_views_than_expected", detail, Vec::new());
+            found.push(ScanFinding::of("fewer_views_than_expected", detail, Vec::new()));
         }
         Some(expected) if summary.views > expected => {
             let detail = format!(
                 "{} views, {expected} were expected: look for views that were sent twice under different labels or angles",
                 summary.views
             );
-            add("more_views_than_expected", detail, Vec::new());
+            found.push(ScanFinding::of("more_views_than_expected", detail, Vec::new()));
         }
         _ => {}
     }
@@ -54,8 +51,38 @@ pub(super) fn findings(
     if !twice.is_empty() {
         let detail =
             format!("{} have the same pan and tilt under different labels: delete one, or correct it", listed(&twice));
-        add("duplicate_angles", detail, twice);
+        found.push(ScanFinding::of("duplicate_angles", detail, twice));
     }
+    found.extend(mixed_cameras(views, rows));
+    let copies = same_pictures::groups(views.iter().map(|view| (view.stem.as_str(), &view.stack.pictures[..])));
+    if !copies.is_empty() {
+        let detail = format!(
+            "the same pictures are in several views, {}: was a folder renamed, or sent under another label or angle? \
+             Delete the views that are wrong",
+            listed(&copies.iter().map(|group| format!("({})", listed(group))).collect::<Vec<_>>())
+        );
+        let mut names = copies.concat();
+        names.sort_unstable();
+        names.dedup();
+        found.push(ScanFinding::of("same_pictures", detail, names));
+    }
+    let differ = named(&|row| !row.outliers.is_empty());
+    if !differ.is_empty() {
+        let detail = format!("views that differ from their neighbours: {}; see the outliers of each", listed(&differ));
+        found.push(ScanFinding::of("outliers", detail, differ));
+    }
+    found
+}
+
+impl ScanFinding {
+    fn of(code: &str, detail: String, views: Vec<String>) -> Self {
+        Self { code: code.to_owned(), detail, views }
+    }
+}
+
+/// Views that do not share the camera of most: another profile revision, size, crop or principal distance.
+fn mixed_cameras(views: &[View], rows: &[ScanView]) -> Vec<ScanFinding> {
+    let mut found = Vec::new();
     let usual = most_common(views.iter().map(|view| view.stack.profile_digest.as_str()));
     let other_profile: Vec<String> = views
         .iter()
@@ -67,14 +94,18 @@ pub(super) fn findings(
             "fused with another profile revision than most: {}; the views have no common camera: fuse the scan again",
             listed(&other_profile)
         );
-        add("mixed_revisions", detail, other_profile.clone());
+        found.push(ScanFinding::of("mixed_revisions", detail, other_profile.clone()));
     }
     let usual = most_common(rows.iter().filter_map(|row| row.image_size_px));
-    let other_size = named(&|row| row.image_size_px.is_some() && row.image_size_px != usual);
+    let other_size: Vec<String> = rows
+        .iter()
+        .filter(|row| row.image_size_px.is_some() && row.image_size_px != usual)
+        .map(|row| row.name.clone())
+        .collect();
     if !other_size.is_empty() {
         let detail =
             format!("another size than most: {}; fuse these views again with the same crop", listed(&other_size));
-        add("mixed_sizes", detail, other_size.clone());
+        found.push(ScanFinding::of("mixed_sizes", detail, other_size.clone()));
     }
     let told: Vec<String> = other_profile.into_iter().chain(other_size).collect();
     let (other_camera, differences): (Vec<String>, Vec<String>) =
@@ -85,12 +116,7 @@ pub(super) fn findings(
              crop and profile",
             listed(&other_camera)
         );
-        add("mixed_cameras", detail, other_camera);
-    }
-    let differ = named(&|row| !row.outliers.is_empty());
-    if !differ.is_empty() {
-        let detail = format!("views that differ from their neighbours: {}; see the outliers of each", listed(&differ));
-        add("outliers", detail, differ);
+        found.push(ScanFinding::of("mixed_cameras", detail, other_camera));
     }
     found
 }

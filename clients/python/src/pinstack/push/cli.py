@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 import io
 import json
@@ -13,28 +14,33 @@ import signal
 import sys
 import threading
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence
+
+import httpx
 
 from .._client import Client
 from .._errors import PinstackError
-from .._http import TEMPORARY, Retry
+from .._http import Retry
 from .._paths import on_disk
 from .._version import VERSION
 from . import sheet
-from .folders import Found, FoundStack, find, refuse_same_names
+from .causes import Again, again_after
+from .folders import Found, find, refuse_same_names
+from .gone import gone_views
 from .journal import Journal
 from .progress import Progress
-from .run import Stopped, ask_of, interruptible, send_all, table
+from .run import Stopped, ask_of, interruptible, table
 from .sender import Outcome
-from .settings import Settings, load, option
-from .watch import wait_until_quiet, watch
+from .settings import BACK_LIGHTS, Settings, load, option
+from .watch import Look, Rounds, push, watch
 
 #: Exit codes.
 DONE, SOME_FAILED, USAGE, UNREACHABLE, INTERRUPTED = 0, 1, 2, 3, 130
 
 EPILOG = """exit codes: 0 everything is done; 1 some stacks were refused, failed or are incomplete, or a folder cannot
-be read; 2 wrong usage; 3 the service cannot be reached or is busy; 130 interrupted. A run that ended early continues
-when the command is given again. With several folders, results and journal are in the first one: give them in the same
+be read; 2 wrong usage; 3 the service cannot be reached, is busy, or refuses for a reason that is not in the files and
+options, such as a token or a missing profile; 130 interrupted. A run that ended early continues when the command is
+given again. With several folders, results and journal are in the first one: give them in the same
 order again."""
 
 EPILOG_OF_WATCH = """exit codes: 0 it was stopped; 2 wrong usage. When the service cannot be reached, it tries again."""
@@ -57,10 +63,15 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
             raise PinstackError("invalid_source", "--json shows what --dry-run finds; give both, or neither")
         if given.get("dry_run"):
             return _dry_run(folders, settings, as_json=bool(given.get("json")))
-        return _push(folders, settings) if command == "push" else _watch(folders[0], settings, given.get("log"))
+        again = given.pop("again")
+        if command == "push":
+            return _push(folders, settings, again)
+        return _watch(folders[0], settings, again, given.get("log"))
+    except Stopped:
+        return INTERRUPTED
     except PinstackError as error:
         print(f"pinstack: {error.detail}", file=sys.stderr)
-        return UNREACHABLE if error.code == "unreachable" or error.status in TEMPORARY else USAGE
+        return USAGE if again_after(error.code) is Again.CHANGE else UNREACHABLE
 
 
 def _print_any_name() -> None:
@@ -99,14 +110,18 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--journal", type=Path, help="what was sent (default: DIR/.pinstack-journal)")
         command.add_argument("--save", nargs="*", metavar="ARTIFACT", help="results to save (default: image mask)")
         command.add_argument("--jobs", type=int, help="stacks at a time (default: 2)")
+        command.add_argument("--again", action="append", default=[], metavar="NAME",
+                             help="send this stack again, however it ended; repeat it for more")  # fmt: skip
+        command.add_argument("--back-light", choices=BACK_LIGHTS, help="whether each stack has one (default auto: "
+                             "watch waits for it where another stack of the folder has one)")  # fmt: skip
         command.add_argument("-o", "--option", dest="options", action="append", default=[], metavar="NAME=VALUE",
                              help="an option of the stacks, such as method=pyramid")  # fmt: skip
     return parser
 
 
 def _dry_run(folders: List[Path], settings: Settings, as_json: bool) -> int:
-    with _client(settings) as client:
-        found = _found(folders, client, settings)
+    with interruptible(_client(settings), _stop_by_signals(), Progress(0)) as client:
+        found = _look(folders, settings)(client)()
     if as_json:
         stacks = [
             {"name": one.name, "front": [str(path) for path in one.front], "back": [str(path) for path in one.back],
@@ -121,50 +136,80 @@ def _dry_run(folders: List[Path], settings: Settings, as_json: bool) -> int:
     return DONE if is_good else SOME_FAILED
 
 
-def _found(folders: List[Path], client: Client, settings: Settings) -> Found:
-    found = Found()
-    for folder in folders:
-        results, _ = _places(folder, settings)
-        one = find(folder, ask_of(client, settings), results, settings.gap_s, settings.save)
-        found.stacks.extend(one.stacks)
-        found.ignored.extend(one.ignored)
-        found.unread.extend(one.unread)
-    refuse_same_names(found, settings.save)
-    return found
+def _look(folders: List[Path], settings: Settings) -> Callable[[Client], Look]:
+    """Looks at all folders, with the grouping of a service."""
+
+    def by(client: Client) -> Look:
+        asks = [ask_of(client, settings) for _ in folders]
+
+        def look() -> Found:
+            found = Found()
+            for folder, ask in zip(folders, asks):
+                results, _ = _places(folder, settings)
+                one = find(folder, ask, results, settings.gap_s, settings.save)
+                found.stacks.extend(one.stacks)
+                found.ignored.extend(one.ignored)
+                found.unread.extend(one.unread)
+            refuse_same_names(found, settings.save)
+            return found
+
+        return look
+
+    return by
 
 
 def _client(settings: Settings) -> Client:
-    return Client(settings.server, settings.token or "", retry=Retry())
+    file = settings.token_file
+    if file is None:
+        return Client(settings.server, settings.token or "", retry=Retry())
+
+    def with_token(request: httpx.Request) -> httpx.Request:
+        request.headers["authorization"] = f"Bearer {file.token()}"
+        return request
+
+    return Client(settings.server, "", retry=Retry(), auth=with_token)
 
 
 def _places(folder: Path, settings: Settings) -> tuple[Path, Path]:
     return settings.results or folder / "results", settings.journal or folder / ".pinstack-journal"
 
 
-def _push(folders: List[Path], settings: Settings) -> int:
+@contextlib.contextmanager
+def _rounds(
+    folders: List[Path], settings: Settings, again: List[str], progress: Progress, repeats: bool
+) -> Iterator[tuple[Rounds, Journal, Path, threading.Event]]:
+    """What sends the stacks, with its journal and the folder of the results, until a signal sets the event."""
     stop = _stop_by_signals()
-    try:
-        with interruptible(_client(settings), stop) as client:
-            found = _found(folders, client, settings)
-            if found.stacks:
-                client.get_profile(settings.rig, settings.lens)
-    except Stopped:
-        return INTERRUPTED
-    if not found.stacks:
-        print(table(found), file=sys.stderr)
-        raise PinstackError("invalid_source", "there is no stack in these folders; --dry-run shows what was seen")
     results, at = _places(folders[0], settings)
+    if settings.token_file is not None:
+        settings.token_file.on_change = progress.say
     journal = Journal(at)
-    progress = Progress(len(found.stacks))
-
-    def is_complete(stack: FoundStack) -> bool:
-        return wait_until_quiet(stack, settings.quiet_s, stop)
-
-    make = functools.partial(_client, settings)
     try:
-        outcomes = send_all(make, journal, found.stacks, settings, results, progress, stop, is_complete)
+        unknown = [name for name in again if not journal.forget_name(name)]
+        make, look = functools.partial(_client, settings), _look(folders, settings)
+        rounds = Rounds(make, journal, look, settings, results, progress, stop, repeats)
+        if unknown:
+            # one that was never sent, or failed for a reason that passes, is sent anyway
+            rounds.look()
+            for name in set(unknown) - {stack.name for stack in rounds.found.stacks}:
+                detail = f"there is no stack '{name}'; --again takes a name as push and watch print it"
+                raise PinstackError("invalid_source", detail)
+        yield rounds, journal, results, stop
     finally:
         journal.close()
+
+
+def _push(folders: List[Path], settings: Settings, again: List[str]) -> int:
+    progress = Progress(0)
+    with _rounds(folders, settings, again, progress, repeats=False) as (rounds, journal, results, stop):
+        rounds.look()
+        if not rounds.found.stacks:
+            print(table(rounds.found), file=sys.stderr)
+            raise PinstackError("invalid_source", "there is no stack in these folders; --dry-run shows what was seen")
+        outcomes = push(rounds, settings, stop)
+        found = rounds.found
+        for sentence in gone_views(rounds.client, journal, settings, rounds.site, found, only_renamed=False):
+            progress.say(sentence)
     for path, reason in found.unread:
         progress.say(f"{path} {reason}")
     good = sum(outcome.is_good for outcome in outcomes)
@@ -175,7 +220,7 @@ def _push(folders: List[Path], settings: Settings) -> int:
         progress.say(f"{said}; the contact sheet cannot be written: {error.strerror or error}")
     if stop.is_set():
         return INTERRUPTED
-    if any(outcome.state == "unreachable" for outcome in outcomes):
+    if any(outcome.again is Again.LATER and outcome.state != "incomplete" for outcome in outcomes):
         return UNREACHABLE
     return DONE if good == len(found.stacks) and not found.unread else SOME_FAILED
 
@@ -195,23 +240,22 @@ def _stop_by_signals() -> threading.Event:
     return stop
 
 
-def _watch(folder: Path, settings: Settings, log: Optional[Path]) -> int:
-    results, at = _places(folder, settings)
-    stop = _stop_by_signals()
+def _watch(folder: Path, settings: Settings, again: List[str], log: Optional[Path]) -> int:
     progress = _Logged(log) if log is not None else Progress(0)
-    journal = Journal(at)
     every: Dict[str, Outcome] = {}
+    with _rounds([folder], settings, again, progress, repeats=True) as (rounds, journal, results, stop):
 
-    def ended(outcomes: List[Outcome]) -> None:
-        every.update({outcome.name: outcome for outcome in outcomes})
-        sheet.write(list(every.values()), results)
+        def ended(outcomes: List[Outcome]) -> None:
+            every.update({outcome.name: outcome for outcome in outcomes})
+            try:
+                sheet.write(list(every.values()), results)
+            except OSError as error:
+                progress.say(f"the contact sheet cannot be written: {error.strerror or error}")
+            for sentence in gone_views(rounds.client, journal, settings, rounds.site, rounds.found, only_renamed=True):
+                rounds.say_once(sentence, sentence)
 
-    progress.say(f"watching {folder}; results are saved in {results}")
-    try:
-        make = functools.partial(_client, settings)
-        watch(make, journal, folder, settings, results, progress, stop, ended)
-    finally:
-        journal.close()
+        progress.say(f"watching {folder}; results are saved in {results}")
+        watch(rounds, settings, stop, ended)
     progress.say("stopped")
     return DONE
 

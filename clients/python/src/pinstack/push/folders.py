@@ -14,17 +14,15 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from .._errors import PinstackError
 from .._paths import on_disk, shown, walk
-from .._zips import StoredZip, is_picture, utf8
+from .._zips import StoredZip, is_picture, is_skipped_folder, utf8
 from .bursts import by_bursts
 from .names import result_stems
 
 #: Groups names, with the content of their ``manifest.json``; returns what ``Client.group_names`` does.
 Ask = Callable[[Sequence[str], Optional[Mapping[str, Any]]], Mapping[str, Any]]
 
-#: Files and folders that are no business of a stack, in lower case.
-OF_SYSTEMS = frozenset(
-    {"__macosx", "thumbs.db", "desktop.ini", "$recycle.bin", "system volume information", "lost+found"}
-)
+#: Files that systems put beside pictures, in lower case.
+OF_SYSTEMS = frozenset({"thumbs.db", "ehthumbs.db", "desktop.ini"})
 
 
 @dataclass
@@ -153,11 +151,9 @@ def _files(root: Path, results: Optional[Path], found: Found) -> List[Path]:
 
     for here, names, file_names in walk(root, unreadable):
         for name in list(names):
-            if name.lower() in OF_SYSTEMS or (here / name).resolve() == passed_over:
+            if is_skipped_folder(name) or (here / name).resolve() == passed_over:
                 names.remove(name)
-            elif name.startswith("."):
-                names.remove(name)
-                if _has_pictures(here / name):
+                if name.startswith(".") and _has_pictures(here / name):
                     found.ignored.append((here / name, "a hidden folder; rename it to send its pictures"))
         names.sort()
         for name in sorted(file_names):

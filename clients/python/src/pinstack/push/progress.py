@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from typing import Callable, Dict, Optional, TextIO, Tuple
+from typing import Callable, Dict, Optional, Set, TextIO, Tuple
 
+from .._errors import PinstackError
 from .sender import Outcome
 
 
@@ -15,7 +16,7 @@ class Progress:
 
     def __init__(self, total: int, out: Optional[TextIO] = None, clock: Callable[[], float] = time.monotonic) -> None:
         self.total = total
-        self.ended = 0
+        self._ended: Set[str] = set()
         self._out = out if out is not None else sys.stderr
         self._is_terminal = self._out.isatty()
         self._clock = clock
@@ -23,6 +24,11 @@ class Progress:
         self._steps: Dict[str, Tuple[str, float]] = {}
         self._sizes: Dict[str, int] = {}
         self._began: Dict[str, float] = {}
+        #: How each stack that is tried again ended the last time, and the codes for which each waits: said already.
+        self._said: Dict[str, str] = {}
+        self._waits: Dict[str, Set[str]] = {}
+        #: When each that waits is tried again.
+        self._until: Dict[str, str] = {}
         self._shown = 0.0
 
     def expect(self, name: str, size: int) -> None:
@@ -35,22 +41,50 @@ class Progress:
         with self._lock:
             before = self._steps.get(name, ("", 0.0))[0]
             self._steps[name] = (what, share)
+            self._until.pop(name, None)
             if before != what:
                 self._began[name] = self._clock()
-                if not self._is_terminal and what in ("sending", "waiting"):
+                if not self._is_terminal and what in ("sending", "waiting") and name not in self._said:
                     self._print(f"{name}: {what}")
             if self._is_terminal and self._clock() - self._shown > 0.2:
                 self._show()
 
-    def end(self, outcome: Outcome) -> None:
-        """A stack ended."""
+    def waits(self, name: str, reason: PinstackError, seconds: float) -> None:
+        """Something is tried again after this time. Each reason is said once."""
         with self._lock:
-            self.ended += 1
-            self._steps.pop(outcome.name, None)
-            text = "; ".join(outcome.sentences)
-            self._print(f"{outcome.name}: {outcome.state}" + (f": {text}" if text else ""))
+            until = self._until[name] = time_in(seconds)
+            if reason.code not in self._waits.setdefault(name, set()):
+                self._waits[name].add(reason.code)
+                self._print(f"{name}: {reason.detail}; it is tried again at {until}")
             if self._is_terminal:
                 self._show()
+
+    def end(self, outcome: Outcome, next_step: str = "") -> None:
+        """A stack ended. What was said of it the last time is not said again; ``next_step`` is what comes then."""
+        with self._lock:
+            self._ended.add(outcome.name)
+            self._steps.pop(outcome.name, None)
+            self._until.pop(outcome.name, None)
+            text = "; ".join(outcome.sentences)
+            if outcome.is_good or self._said.get(outcome.name) != text:
+                shown = "; ".join(one for one in (text, next_step) if one)
+                self._print(f"{outcome.name}: {outcome.state}" + (f": {shown}" if shown else ""))
+            if outcome.is_good:
+                self._renew(outcome.name)
+            else:
+                self._said[outcome.name] = text
+            if self._is_terminal:
+                self._show()
+
+    def renew(self, name: str) -> None:
+        """A stack has changed, or something works again: what happens to it is said anew."""
+        with self._lock:
+            self._renew(name)
+
+    def _renew(self, name: str) -> None:
+        self._said.pop(name, None)
+        self._waits.pop(name, None)
+        self._until.pop(name, None)
 
     def say(self, text: str) -> None:
         """A line of its own."""
@@ -65,8 +99,9 @@ class Progress:
 
     def _show(self) -> None:
         self._shown = self._clock()
-        parts = [self._line(name, *step) for name, step in self._steps.items()]
-        line = f"{self.ended} of {self.total} · " + " · ".join(parts)
+        parts = [self._line(name, *step) for name, step in self._steps.items() if name not in self._until]
+        parts += [f"{name} tries again at {until}" for name, until in self._until.items()]
+        line = f"{len(self._ended)} of {self.total} · " + " · ".join(parts)
         self._out.write(f"\r\x1b[K{line[:150]}")
         self._out.flush()
 
@@ -77,6 +112,11 @@ class Progress:
             speed = share * size / spent
             text += f", {speed / 1e6:.1f} MB/s, {duration((1 - share) * size / speed)} left"
         return text
+
+
+def time_in(seconds: float) -> str:
+    """The time of day after these seconds."""
+    return time.strftime("%H:%M:%S", time.localtime(time.time() + seconds))
 
 
 def duration(seconds: float) -> str:

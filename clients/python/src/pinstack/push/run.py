@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import wait as wait_for
 from pathlib import Path
-from typing import Callable, List, Optional, Sequence
+from typing import Any, Callable, List, Mapping, Optional, Sequence, cast
 
 from .._client import Client
+from .._errors import PinstackError
+from .causes import Site
 from .folders import Ask, Found, FoundStack
 from .journal import Journal
 from .progress import Progress
-from .sender import Outcome, send
+from .sender import Outcome, Sender
 from .settings import Settings
 
 
@@ -28,14 +31,14 @@ def send_all(
     settings: Settings,
     results: Path,
     progress: Progress,
+    site: Site,
     stop: Optional[threading.Event] = None,
-    wait: Optional[Callable[[FoundStack], bool]] = None,
+    ended: Optional[Callable[[FoundStack, Outcome], None]] = None,
 ) -> List[Outcome]:
     """Sends the stacks, at most ``settings.jobs`` at a time, and returns how each ended, in their order.
 
     A stack that is refused or fails does not stop the others. After ``stop`` no further stack is begun, and what is
-    being sent is left as it is: the next run continues it. ``wait`` waits until a stack is complete; if it says False,
-    the stack is not sent.
+    being sent is left as it is: the next run continues it. ``ended`` is told how each ended, at once.
     """
     stop = stop if stop is not None else threading.Event()
     local = threading.local()
@@ -50,21 +53,20 @@ def send_all(
             return None
         client: Optional[Client] = getattr(local, "client", None)
         if client is None:
-            client = local.client = interruptible(make_client(), stop)
+            client = local.client = make_client()
+        interruptible(client, stop, progress, stack.name)
         try:
-            if stack.problem is None and wait is not None and not wait(stack):
-                if stop.is_set():
-                    return None
-                outcome = Outcome(stack.name, "incomplete", ["a file cannot be opened: is it still being written?"])
-            else:
-                if stack.problem is None:
-                    # a file that cannot be read is told when it is sent
-                    with contextlib.suppress(OSError):
-                        progress.expect(stack.name, stack.zip().length)
-                outcome = send(client, journal, stack, settings, results, step)
+            if stack.problem is None:
+                # a file that cannot be read is told when it is sent
+                with contextlib.suppress(OSError, PinstackError):
+                    progress.expect(stack.name, stack.zip().length)
+            outcome = Sender(client, journal, settings, results, step, site).send(stack)
         except Stopped:
             return None
-        progress.end(outcome)
+        if ended is not None:
+            ended(stack, outcome)
+        else:
+            progress.end(outcome)
         return outcome
 
     with ThreadPoolExecutor(max_workers=settings.jobs) as pool:
@@ -76,20 +78,29 @@ def send_all(
     return [outcome for outcome in outcomes if outcome is not None]
 
 
-def interruptible(client: Client, stop: threading.Event) -> Client:
-    """The client, whose waits between two tries end with :class:`Stopped` at once."""
+def interruptible(client: Client, stop: threading.Event, progress: Progress, name: str = "the service") -> Client:
+    """The client, whose waits between two tries are said, for ``name``, and end with :class:`Stopped` at once."""
 
     def sleep(seconds: float) -> None:
         if stop.wait(seconds):
             raise Stopped
 
     client._transport.sleep = sleep
+    client._transport.on_wait = functools.partial(progress.waits, name)
     return client
 
 
 def ask_of(client: Client, settings: Settings) -> Ask:
-    """Groups names by the rules of the service."""
-    return lambda names, manifest: client.group_names(names, manifest, **settings.names)
+    """Groups names by the rules of the service. The same names are not asked twice in a row."""
+    last: List[Any] = [None, None]
+
+    def ask(names: Sequence[str], manifest: Optional[Mapping[str, Any]]) -> Mapping[str, Any]:
+        if last[0] != (names, manifest):
+            answer = client.group_names(names, manifest, **settings.names)
+            last[:] = [(names, manifest), answer]
+        return cast(Mapping[str, Any], last[1])
+
+    return ask
 
 
 def table(found: Found) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sqlite3
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,13 +12,12 @@ from .._client import Client
 from .._errors import PinstackError
 from .._http import TEMPORARY
 from .._paths import shown
+from .._zips import StoredZip
+from .causes import Again, Site, again_after
 from .folders import FoundStack
-from .journal import Entry, Journal, key_of
+from .journal import Entry, Journal, Key, key_of
 from .results import missing, save_results
 from .settings import Settings
-
-#: Codes of stacks that failed because of the machine of the service, so they may succeed when they are sent again.
-OF_THE_MACHINE = frozenset({"unavailable", "insufficient_storage", "worker_lost", "internal"})
 
 #: Called with a stack's name, what happens to it, and how far it is (0 to 1).
 OnStep = Callable[[str, str, float], None]
@@ -35,6 +35,10 @@ class Outcome:
     #: The stack at the service.
     stack: Optional[Dict[str, Any]] = None
     files: List[Path] = field(default_factory=list)
+    #: What sends it again; None if its results are there.
+    again: Optional[Again] = None
+    #: A person ended it at the service, so it is not sent again at once.
+    was_ended: bool = False
 
     @property
     def is_good(self) -> bool:
@@ -50,107 +54,151 @@ def options_of(stack: FoundStack, settings: Settings) -> Dict[str, Any]:
     return options
 
 
-def key(stack: FoundStack, settings: Settings) -> str:
+def key(stack: FoundStack, settings: Settings, site: Site) -> Key:
     """The key of a stack in the journal."""
     options = options_of(stack, settings)
-    return key_of(settings.server, settings.rig, settings.lens, options, stack.zip().fingerprint())
+    # the name of a view is its label
+    has_own_label = "label" in settings.options or "scan" in options
+    server, rig, lens = settings.server, settings.rig, settings.lens
+    return key_of(site.id, server, rig, lens, options, stack.zip(), has_own_label)
 
 
-def send(
-    client: Client, journal: Journal, found: FoundStack, settings: Settings, results: Path, on_step: OnStep
-) -> Outcome:
-    """Does what is left to do for a stack. It raises nothing that concerns this stack alone."""
-    try:
-        return _send(client, journal, found, settings, results, on_step)
-    except PinstackError as error:
-        states = {"unreachable": "unreachable", "source_changed": "incomplete", "timeout": "unreachable"}
-        state = states.get(error.code, "failed" if error.status == 0 else "refused")
-        if isinstance(error.__cause__, PermissionError):
-            # another program holds a slice: the next try may pass
-            state = "incomplete"
-        if error.status in TEMPORARY or error.code == "locked":
-            # a gateway, a full queue, or another request that works on the upload: the next try may pass
-            state = "unreachable"
-        places = [str(place.get("file")) for place in error.errors if place.get("file")]
-        return Outcome(found.name, state, [error.detail, *[f"see {place}" for place in places[:5]]])
-    except sqlite3.Error as error:
-        # what was sent before this is known to the service: the next run asks it
-        return Outcome(found.name, "incomplete", [f"the journal cannot be written: {error}; is its disk full?"])
-    except OSError as error:
-        # the next run continues where this one ended
-        return Outcome(found.name, "incomplete", [f"{shown(error.filename or found.view)}: {error.strerror or error}"])
+@dataclass
+class Sender:
+    """Sends stacks, one at a time."""
 
+    client: Client
+    journal: Journal
+    settings: Settings
+    results: Path
+    on_step: OnStep
+    site: Site
 
-def _send(
-    client: Client, journal: Journal, found: FoundStack, settings: Settings, results: Path, on_step: OnStep
-) -> Outcome:
-    if found.problem is not None:
-        return Outcome(found.name, "refused", [found.problem])
-    source = found.zip()
-    at = key(found, settings)
-    entry = journal.entry(at)
-    if entry.ended == "done":
-        return _known(client, entry, found.name, settings, results, on_step)
-    if entry.ended is not None:
-        not_again = "it was not sent again; change a file or an option, or remove the journal"
-        return Outcome(found.name, "failed", [entry.ended, not_again])
-    job = entry.job
-    if job is None:
-        on_step(found.name, "sending", 0.0)
-        sent = client.send_stack(
+    def send(self, found: FoundStack) -> Outcome:
+        """Does what is left to do for a stack. It raises nothing that concerns this stack alone."""
+        try:
+            return self._send(found)
+        except PinstackError as error:
+            places = [str(place.get("file")) for place in error.errors if place.get("file")]
+            sentences = [error.detail, *[f"see {place}" for place in places[:5]]]
+            if error.code == "source_changed" or isinstance(error.__cause__, PermissionError):
+                # a file changes, or another program holds it: the next try may pass
+                return Outcome(found.name, "incomplete", sentences, again=Again.LATER)
+            state = "failed" if error.status == 0 else "refused"
+            if error.status in TEMPORARY or error.code in ("unreachable", "timeout", "locked"):
+                state = "unreachable"
+            again, was_ended = again_after(error.code), is_gone(error)
+            return Outcome(found.name, state, sentences, again=again, was_ended=was_ended)
+        except sqlite3.Error as error:
+            # what was sent before this is known to the service: the next try asks it
+            sentence = f"the journal cannot be written: {error}; is its disk full?"
+        except OSError as error:
+            # the next try continues where this one ended
+            sentence = f"{shown(error.filename or found.view)}: {error.strerror or error}"
+        return Outcome(found.name, "incomplete", [sentence], again=Again.LATER)
+
+    def _send(self, found: FoundStack) -> Outcome:
+        if found.problem is not None:
+            return Outcome(found.name, "refused", [found.problem], again=Again.CHANGE)
+        source, at = found.zip(), key(found, self.settings, self.site)
+
+        def content() -> str:
+            self.on_step(found.name, "comparing", 0.0)
+            return source.content()
+
+        entry = self.journal.recognise(at, found.name, found.files()[0].absolute(), content)
+        if entry.ended == "done":
+            return self._known(entry, found.name)
+        if entry.ended is not None:
+            again = again_after(entry.code) if entry.code is not None else Again.CHANGE
+            if again is Again.CHANGE or (again is Again.PROFILE and entry.seen == self.site.state):
+                return Outcome(found.name, "failed", [entry.ended], again=again)
+            self.journal.forget(at.value)
+            entry = Entry()
+        job = entry.job
+        if job is None:
+            job = self._upload(found, source, at, entry.upload)
+            entry = self.journal.entry(at.value)
+        self.on_step(found.name, "waiting", 0.0)
+        try:
+            stack = self.client.wait(
+                job, on_progress=lambda p: self.on_step(found.name, str(p["stage"]), float(p["fraction"])), check=False
+            )
+        except PinstackError as error:
+            if is_gone(error):
+                # deleted at the service
+                self.journal.forget(at.value)
+            raise
+        if stack["state"] != "succeeded":
+            return self._failed(found, at, dict(stack), entry.seen)
+        self.on_step(found.name, "saving", 0.0)
+        files = save_results(self.client, stack, found.name, self.settings.save, self.results)
+        self.journal.note(at.value, found.name, ended="done")
+        sentences = [str(warning["detail"]) for warning in stack.get("warnings", [])]
+        return Outcome(found.name, "done", sentences, dict(stack), files)
+
+    def _upload(self, found: FoundStack, source: StoredZip, at: Key, resume: Optional[str]) -> str:
+        """Sends the files, or the rest of them, and returns the path of the stack."""
+        self.on_step(found.name, "sending", 0.0)
+        options = options_of(found, self.settings)
+        scan = scan_key(self.site, str(options["scan"])) if "scan" in options else None
+        place = str(found.files()[0].absolute())
+        self.journal.note(at.value, found.name, shape=at.shape, seen=self.site.state, scan=scan, place=place)
+        sent = self.client.send_stack(
             source,
-            settings.rig,
-            settings.lens,
-            resume=entry.upload,
-            on_created=lambda path: journal.note(at, found.name, upload=path),
-            on_bytes=lambda done, total: on_step(found.name, "sending", done / max(total, 1)),
-            **options_of(found, settings),
+            self.settings.rig,
+            self.settings.lens,
+            resume=resume,
+            on_created=lambda path: self.journal.note(at.value, found.name, upload=path),
+            on_bytes=lambda done, total: self.on_step(found.name, "sending", done / max(total, 1)),
+            **options,
         )
         job = str(sent["links"]["self"])
-        journal.note(at, found.name, job=job)
-    on_step(found.name, "waiting", 0.0)
-    try:
-        stack = client.wait(
-            job, on_progress=lambda p: on_step(found.name, str(p["stage"]), float(p["fraction"])), check=False
-        )
-    except PinstackError as error:
-        if error.status in (404, 410):
-            # deleted at the service: the next run sends it again
-            journal.forget(at)
-        raise
-    if stack["state"] != "succeeded":
-        problem_of_job = stack.get("error") or {}
-        detail = str(problem_of_job.get("detail") or "it was cancelled at the service")
-        if problem_of_job.get("code") in OF_THE_MACHINE:
-            journal.forget(at)
-            return Outcome(found.name, "failed", [detail, "the next run sends it again"], stack)
-        journal.note(at, found.name, ended=detail)
-        return Outcome(found.name, "failed", [detail], stack)
-    on_step(found.name, "saving", 0.0)
-    files = save_results(client, stack, found.name, settings.save, results)
-    journal.note(at, found.name, ended="done")
-    sentences = [str(warning["detail"]) for warning in stack.get("warnings", [])]
-    return Outcome(found.name, "done", sentences, stack, files)
+        self.journal.note(at.value, found.name, job=job)
+        with contextlib.suppress(OSError, PinstackError):
+            # without it, the stack is only not known again by other times
+            self.journal.note(at.value, found.name, content=source.content())
+        return job
+
+    def _failed(self, found: FoundStack, at: Key, stack: Dict[str, Any], seen: Optional[str]) -> Outcome:
+        """The outcome of a stack that ended without results; ``seen``: of the service that it was sent to."""
+        problem = stack.get("error") or {"code": "cancelled"}
+        code, detail = str(problem["code"]), str(problem.get("detail") or "it was cancelled at the service")
+        again = again_after(code)
+        if again is Again.PROFILE and seen != self.site.state:
+            # the profile is another already
+            again = Again.LATER
+        if again is Again.LATER:
+            self.journal.forget(at.value)
+        else:
+            self.journal.note(at.value, found.name, ended=detail, code=code)
+        return Outcome(found.name, "failed", [detail], stack, again=again, was_ended=code == "cancelled")
+
+    def _known(self, entry: Entry, name: str) -> Outcome:
+        """A stack that was done in an earlier run: results that are not there any more are fetched again."""
+        wanted = missing(name, self.settings.save, self.results)
+        if entry.job is None or not wanted:
+            return Outcome(name, "known")
+        try:
+            stack = self.client.get_stack(entry.job)
+        except PinstackError as error:
+            if not is_gone(error):
+                raise
+            # it may never have had some of them, such as the mask of a stack without back light
+            if len(wanted) < len(self.settings.save):
+                sentence = f"the service has it no longer, so there is no {', '.join(wanted)} to fetch"
+                return Outcome(name, "known", [sentence])
+            sentence = "its results are missing here, and the service has it no longer"
+            return Outcome(name, "failed", [sentence], again=Again.CHANGE)
+        self.on_step(name, "saving", 0.0)
+        return Outcome(name, "known", [], dict(stack), save_results(self.client, stack, name, wanted, self.results))
 
 
-def _known(client: Client, entry: Entry, name: str, settings: Settings, results: Path, on_step: OnStep) -> Outcome:
-    """A stack that was done in an earlier run: results that are not there any more are fetched again."""
-    wanted = missing(name, settings.save, results)
-    if entry.job is None or not wanted:
-        return Outcome(name, "known")
-    try:
-        stack = client.get_stack(entry.job)
-    except PinstackError as error:
-        if error.status not in (404, 410):
-            raise
-        # it may never have had some of them, such as the mask of a stack without back light
-        if len(wanted) < len(settings.save):
-            return Outcome(
-                name, "known", [f"the service has it no longer, so there is no {', '.join(wanted)} to fetch"]
-            )
-        sentence = (
-            "its results are missing here, and the service has it no longer; to send it again, remove the journal"
-        )
-        return Outcome(name, "failed", [sentence])
-    on_step(name, "saving", 0.0)
-    return Outcome(name, "known", [], dict(stack), save_results(client, stack, name, wanted, results))
+def scan_key(site: Site, scan: str) -> str:
+    """A scan of a service, in the journal."""
+    return f"{site.id} {scan}"
+
+
+def is_gone(error: PinstackError) -> bool:
+    """Whether the service, and not a proxy, says that it has the stack no longer."""
+    return error.code in ("not_found", "upload_removed")

@@ -15,11 +15,13 @@ stacks, and a table ``names`` for what numbers in names mean::
 
 from __future__ import annotations
 
+import contextlib
 import re
 import sys
+import threading
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional
+from typing import Any, Callable, Dict, List, Mapping, Optional
 
 from .._errors import PinstackError
 from .._operations import RULES
@@ -32,8 +34,42 @@ else:
 
 #: Options of stacks that are texts, also when they look like numbers.
 TEXTS = frozenset({"label", "scan"})
+#: Values of ``back_light``.
+BACK_LIGHTS = ("auto", "always", "never")
 #: A number as JSON writes it. Others, such as ``007`` and ``1_000``, are texts.
 NUMBER = re.compile(r"-?(0|[1-9][0-9]*)(\.[0-9]+)?([eE][+-]?[0-9]+)?")
+
+
+class TokenFile:
+    """A file with the access token. It is read for every request, so a new token counts at once.
+
+    A file that is empty or missing for a moment, because it is being written, keeps the last token.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._token = self._read()
+        self._lock = threading.Lock()
+        #: Called with a sentence when the file has a new token.
+        self.on_change: Callable[[str], None] = lambda _: None
+
+    def _read(self) -> str:
+        try:
+            token = on_disk(self._path).read_text("utf-8-sig").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise _wrong(f"the token in {self._path} cannot be read: {error}") from error
+        if not token:
+            raise _wrong(f"the token file {self._path} is empty")
+        return token
+
+    def token(self) -> str:
+        """The token as it is now."""
+        with self._lock, contextlib.suppress(PinstackError):
+            token = self._read()
+            if token != self._token:
+                self._token = token
+                self.on_change(f"the token in {self._path} has changed; it is used from now on")
+        return self._token
 
 
 @dataclass
@@ -41,8 +77,10 @@ class Settings:
     """Everything a push needs to know."""
 
     server: str = "http://127.0.0.1:8080"
-    #: Never shown.
+    #: Of the environment; never shown.
     token: Optional[str] = field(default=None, repr=False)
+    #: The file of the token, which wins over ``token``.
+    token_file: Optional[TokenFile] = None
     rig: str = ""
     lens: str = ""
     scan: Optional[str] = None
@@ -60,10 +98,19 @@ class Settings:
     gap_s: Optional[float] = None
     #: How often ``watch`` looks, seconds.
     every_s: float = 5.0
+    #: Whether each stack has a back light: ``always``, ``never``, or ``auto``: ``watch`` waits for it where another
+    #: stack of the folder has one.
+    back_light: str = "auto"
     #: What numbers in names mean, such as ``x_degrees_per_unit``.
     names: Dict[str, Any] = field(default_factory=dict)
     #: Options of the stacks.
     options: Dict[str, Any] = field(default_factory=dict)
+
+    def waits_for_back_light(self, other_stacks_have_one: bool) -> bool:
+        """Whether a stack of front light alone is not complete."""
+        of_mask = {"required": "always", "none": "never"}
+        chosen = of_mask.get(str(self.options.get("mask")), "auto") if self.back_light == "auto" else self.back_light
+        return chosen == "always" or (chosen == "auto" and other_stacks_have_one)
 
     def check(self, is_dry_run: bool = False) -> None:
         """Raises ``invalid_source`` with what is missing or out of range. To group files needs no rig and lens."""
@@ -74,6 +121,8 @@ class Settings:
             raise _wrong(f"jobs is {self.jobs}; it must be 1 to 16")
         if self.gap_s is not None and self.gap_s <= 0:
             raise _wrong("gap_s must be more than 0")
+        if self.back_light not in BACK_LIGHTS:
+            raise _wrong(f"back_light is {self.back_light!r}; it must be one of {', '.join(BACK_LIGHTS)}")
         unknown = sorted(set(self.names) - RULES)
         if unknown:
             raise _wrong(f"names: there is no rule {unknown[0]!r}; there are {', '.join(sorted(RULES))}")
@@ -94,11 +143,11 @@ def load(file: Optional[Path], given: Mapping[str, Any], environment: Mapping[st
     if "PINSTACK_URL" in environment:
         values["server"] = environment["PINSTACK_URL"]
     if given.get("token_file") is not None:
-        values["token"] = _token(Path(given["token_file"]))
+        values["token_file"] = TokenFile(Path(given["token_file"]))
     elif "PINSTACK_TOKEN" in environment:
         values["token"] = environment["PINSTACK_TOKEN"]
     elif of_rig is not None:
-        values["token"] = _token(Path(str(of_rig)))
+        values["token_file"] = TokenFile(Path(str(of_rig)))
     options = {**values.pop("options", {}), **(given.get("options") or {})}
     names = {**values.pop("names", {}), **(given.get("names") or {})}
     known = {one.name: one for one in fields(Settings)}
@@ -107,7 +156,8 @@ def load(file: Optional[Path], given: Mapping[str, Any], environment: Mapping[st
         raise _wrong(
             f"{file}: there is no setting {unknown[0]!r}; there are {', '.join(sorted({*known, 'token_file'}))}"
         )
-    values.update({name: value for name, value in given.items() if name in known and value is not None})
+    own = set(known) - {"token_file"}
+    values.update({name: value for name, value in given.items() if name in own and value is not None})
     for name in ("results", "journal"):
         if values.get(name) is not None:
             values[name] = Path(str(values[name])).expanduser()
@@ -133,13 +183,6 @@ def _read(file: Path) -> Dict[str, Any]:
         raise _wrong(f"the settings {file} cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise _wrong(f"the settings {file} are not valid TOML: {error}") from error
-
-
-def _token(file: Path) -> str:
-    try:
-        return on_disk(file).read_text("utf-8-sig").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise _wrong(f"the token in {file} cannot be read: {error}") from error
 
 
 def option(text: str) -> Dict[str, Any]:

@@ -40,7 +40,7 @@ pub fn write_jpeg(out: impl Write, raster: &Raster, metadata: &Metadata, quality
     }
     let mut encoder = JpegEncoder::new_with_quality(out, quality.clamp(1, 100));
     if let Some(icc) = metadata.icc_for(raster.channels).filter(|icc| icc.len() <= MAX_ICC_BYTES) {
-        encoder.set_icc_profile(icc.to_vec()).map_err(|error| io_error(ImageError::Unsupported(error)))?;
+        encoder.set_icc_profile(icc.into_owned()).map_err(|error| io_error(ImageError::Unsupported(error)))?;
     }
     if let Some(exif) = metadata.exif.as_deref().and_then(|block| exif_block::within(block, MAX_EXIF_BYTES)) {
         encoder.set_exif_metadata(exif).map_err(|error| io_error(ImageError::Unsupported(error)))?;

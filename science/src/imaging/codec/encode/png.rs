@@ -36,7 +36,7 @@ fn encode(out: &mut dyn Write, raster: &Raster, metadata: &Metadata) -> io::Resu
         Depth::Eight => BitDepth::Eight,
         Depth::Sixteen => BitDepth::Sixteen,
     };
-    info.icc_profile = metadata.icc_for(raster.channels).map(Cow::Borrowed);
+    info.icc_profile = metadata.icc_for(raster.channels);
     info.exif_metadata = metadata.exif.as_deref().map(Cow::Borrowed);
 
     let mut encoder = Encoder::with_info(out, info).map_err(error)?;

@@ -90,7 +90,7 @@ fn write<W: Write + Seek, K: TiffKind>(
         write_field(&mut directory, field)?;
     }
     if let Some(icc) = metadata.icc_for(raster.channels) {
-        directory.write_tag(Tag::IccProfile, Undefined(icc))?;
+        directory.write_tag(Tag::IccProfile, Undefined(&icc))?;
         pad(&mut directory, icc.len())?;
     }
     for (tag, at) in [(Tag::ExifDirectory, exif_at), (Tag::GpsDirectory, gps_at)] {

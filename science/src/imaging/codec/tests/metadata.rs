@@ -147,7 +147,7 @@ fn principal_distance_and_pixel_pitch_of_the_profile_replace_what_the_camera_sai
         for out in [png_of(&raster, &ours), tiff_of(&raster, &ours), jpeg_of(&raster, &ours)] {
             let block = metadata(&out).exif.unwrap();
             let focal = focal_px(&block).unwrap();
-            assert!((focal / (121.37 / 0.0041) - 1.0).abs() < 1e-6, "{focal}");
+            assert!((focal / (121.37 / 0.0041) - 1.0).abs() < 1e-4, "{focal}");
             assert_eq!(field(&block, Tag::PixelXDimension).unwrap(), "64");
             assert_eq!(field(&block, Tag::Software).unwrap(), "\"pinstack 1.2.3\"");
             assert_eq!(field(&block, Tag::FocalLengthIn35mmFilm), None);

@@ -15,7 +15,8 @@ pub(super) fn read(bytes: &[u8], found: &mut Found) -> Result<(), Error> {
     for image in 0..images {
         let place = || format!("image {} of {images}", image + 1);
         let record = rest.image().ok_or_else(|| truncated(image))?;
-        let pose = colmap_pose(record.name, record.quaternion, record.translation)
+        let not_utf8 = || invalid(format!("{}: its name is not UTF-8; rename the image in UTF-8 or ASCII", place()));
+        let pose = colmap_pose(record.name.ok_or_else(not_utf8)?, record.quaternion, record.translation)
             .ok_or_else(|| invalid(format!("{}: the quaternion has no length", place())))?;
         found.pose(pose, place)?;
     }
@@ -39,7 +40,8 @@ fn truncated(image: u64) -> Error {
 struct Record {
     quaternion: [f64; 4],
     translation: [f64; 3],
-    name: String,
+    /// `None` for one that is not UTF-8.
+    name: Option<String>,
 }
 
 struct Rest<'a> {
@@ -68,7 +70,7 @@ impl Rest<'_> {
         self.take::<4>()?;
         let tail = self.bytes.get(self.at..)?;
         let length = tail.iter().take(MAX_NAME + 1).position(|byte| *byte == 0)?;
-        let name = String::from_utf8_lossy(tail.get(..length)?).into_owned();
+        let name = str::from_utf8(tail.get(..length)?).ok().map(str::to_owned);
         self.at += length + 1;
         let points = u64::from_le_bytes(self.take()?);
         let end = usize::try_from(points.checked_mul(POINT_BYTES)?).ok()?.checked_add(self.at)?;

@@ -45,7 +45,15 @@ pub struct PoseReport {
     pub views: Vec<ViewPose>,
     /// What to consider.
     pub findings: Vec<Warning>,
+    /// What no figure of the report can show, as a sentence: whether the focal length is right.
+    #[serde(default)]
+    pub not_checked: String,
 }
+
+/// [`PoseReport::not_checked`].
+pub(super) const NOT_CHECKED: &str = "the poses do not check the focal length: with a wrong one, \
+     a bundle adjustment puts the cameras at another distance, they fit a sphere and steps nearly as well, and a known \
+     radius or pair of views takes the error up; compare a known length of the object with the reconstruction";
 
 /// The unit of lengths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]

@@ -181,6 +181,19 @@ fn a_csv_may_bring_its_angles_and_names_the_line_that_is_wrong() {
 }
 
 #[test]
+fn a_name_that_is_not_utf8_is_refused_with_its_image() {
+    let named = |name: &[u8]| {
+        let numbers = [1.0_f64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0].map(f64::to_le_bytes).concat();
+        let record = |name: &[u8]| [&[0; 4][..], &numbers, &[0; 4], name, &[0; 9]].concat();
+        let file = [2_u64.to_le_bytes().to_vec(), record(b"a.png"), record(name)].concat();
+        read(&file, Some(PoseFormat::ColmapBinary)).map(|found| found.poses[1].name.clone())
+    };
+    assert_eq!(named("Käfer.png".as_bytes()).expect("UTF-8"), "Käfer.png");
+    let error = named(b"K\xe4fer.png").expect_err("Latin-1");
+    assert_eq!(error.detail, "image 2 of 2: its name is not UTF-8; rename the image in UTF-8 or ASCII");
+}
+
+#[test]
 fn a_file_of_another_kind_is_refused_with_what_to_send() {
     let cameras = "# Camera list\n1 PINHOLE 100 100 50 50 50 50\n";
     let error = read(cameras.as_bytes(), None).expect_err("no poses");
