@@ -4,8 +4,8 @@ use super::super::*;
 use super::rig::{blurred, measured, sentence};
 use crate::imaging::{Raster, Samples};
 use crate::synth::{Alone, Banding, DotTarget, Faults, Rig, render_target, target_stack};
-use crate::types::{Homography, NoControl};
 use crate::types::report::Grade;
+use crate::types::{Homography, NoControl};
 
 /// 600 x 400 px, dots 30 px apart that end inside the picture.
 fn setup(slices: usize) -> (Rig, DotTarget) {
