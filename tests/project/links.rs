@@ -24,8 +24,9 @@ const SERVED: [&str; 13] = [
 
 /// Whether a text within quotes is a path of the service.
 fn is_served(literal: &str) -> bool {
-    let first = literal.strip_prefix('/').map(|path| path.split(['/', '?', '#', '{', '$']).next().unwrap_or_default());
-    first.is_some_and(|first| SERVED.contains(&first) || (first.is_empty() && !literal.starts_with("//")))
+    let Some(path) = literal.strip_prefix('/') else { return false };
+    let first = path.split(['/', '?', '#', '{', '$']).next().unwrap_or_default();
+    SERVED.contains(&first) || path.is_empty() || path.starts_with(['?', '#'])
 }
 
 /// The paths of the service within a line, each with what stands before and behind it.
@@ -83,5 +84,5 @@ fn paths_of_the_service_are_found() {
     let found = |line| paths(line, &['"', '`']).map(|(_, literal, _)| literal.to_owned()).collect::<Vec<_>>();
     assert_eq!(found(r#"a href="/" { "x" } b action="/v1/x?y""#), ["/", "/v1/x?y"]);
     assert_eq!(found("fetch(`/scans/${name}`)"), ["/scans/${name}"]);
-    assert!(found(r#"at("/slices/0") "//x" "v1/a" "/tmp" "</p>""#).is_empty());
+    assert!(found(r#"at("/slices/0") "/{index}" "//x" "v1/a" "/tmp" "</p>""#).is_empty());
 }

@@ -18,7 +18,7 @@ pub fn all(document: &Value) -> Examples {
     let names = document["components"]["schemas"]["Code"]["enum"].as_array();
     let codes = names.into_iter().flatten().filter_map(|name| serde_json::from_value::<Code>(name.clone()).ok());
     let example = |code: Code| {
-        let example = problem(&Fault::new(code, problem_type(code).example), Some("/v1/stacks".to_owned()));
+        let example = problem(&Fault::new(code, problem_type(code).example), Some(link!("/v1/stacks")));
         (code, code.name(), json!({ "summary": example.title, "value": example }))
     };
     Examples(codes.map(example).collect())

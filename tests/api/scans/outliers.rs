@@ -88,7 +88,7 @@ async fn the_csv_has_the_same_rows_and_numbers() {
     assert_eq!(marked.as_ref(), [b"\xef\xbb\xbf", text.as_bytes()].concat());
     let page = crate::pages::page(&app, "/scans/bee").await;
     assert!(page.contains("/v1/scans/bee/views.csv?bom=true"), "{page}");
-    problem(app.get("/v1/scans/bee/views.csv?bom=1").send().await.unwrap(), 400, "invalid_request").await;
+    crate::app::problem(app.get("/v1/scans/bee/views.csv?bom=1").send().await.unwrap(), 400, "invalid_request").await;
     let mut lines = text.split("\r\n");
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
     let column = |name: &str| header.iter().position(|column| *column == name).expect(name);
