@@ -9,7 +9,7 @@ use pinstack_science::{
         alignment,
         sampling::Blocks,
         score::Scorer,
-        slice::{Fingerprint, RowMeasurements, SliceMeter, WarpedSlice},
+        slice::{Cells, Fingerprint, RowMeasurements, SliceMeter, WarpedSlice},
     },
 };
 
@@ -30,6 +30,7 @@ fn measure(c: &mut Criterion) {
     let luma = picture(WIDTH, HEIGHT, 1);
     let samples: Vec<u8> = luma.data.iter().flat_map(|&v| [v as u8, (v / 2.0) as u8, v as u8]).collect();
     let (meter, coverage) = (SliceMeter::new(WIDTH, HEIGHT, 20, 10, None), Coverage::full(WIDTH, HEIGHT));
+    let cells = Cells::of(WIDTH, HEIGHT);
     let row = |y: usize, x: usize, width: usize| &samples[(y * WIDTH + x) * 3..][..width * 3];
     let read = |rect: Rect| {
         let rows = (rect.y..rect.y + rect.height).flat_map(|y| row(y, rect.x, rect.width));
