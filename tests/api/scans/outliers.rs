@@ -4,7 +4,7 @@ use pinstack_science::types::metrics::{MaskMetrics, Metrics, SliceMetrics};
 use serde_json::{Value, json};
 
 use super::{names, scan};
-use crate::app::{HEIGHT, TestApp, WIDTH, png, problem, zip};
+use crate::app::{HEIGHT, TestApp, WIDTH, png, zip};
 
 /// Metrics of a view of an object that looks alike from all sides, but for the given factors.
 fn metrics(at: usize, sharpness: f64, area: f64, residual_px: f64, level: f64) -> Metrics {
