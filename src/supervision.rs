@@ -27,6 +27,7 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 /// ```
 pub async fn supervised<F: Future<Output = ()>>(name: &'static str, start: impl Fn() -> F) {
     let mut pause = FIRST_PAUSE;
+    events::task_panicked(name, 0);
     loop {
         let started = Instant::now();
         // nothing of the task is used again: what it shares with others is behind locks that survive a panic
@@ -35,7 +36,7 @@ pub async fn supervised<F: Future<Output = ()>>(name: &'static str, start: impl 
             pause = FIRST_PAUSE;
         }
         tracing::error!(task = name, panic = message(&*panic), ?pause, "a task panicked; it starts again");
-        events::task_panicked(name);
+        events::task_panicked(name, 1);
         tokio::time::sleep(pause).await;
         pause = (2 * pause).min(LONGEST_PAUSE);
     }

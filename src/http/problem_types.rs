@@ -215,7 +215,7 @@ problem_types! {
     SliceCountMismatch: S::UNPROCESSABLE_ENTITY, Never, "Slice count mismatch",
         "The number of slices differs from the profile, or front and back differ. Look for missing or extra pictures.",
         "the archive has 20 front-light slices, the profile of rig 'turntable-1' and lens 'mpe65-2x' (revision \
-         3) has 21; send all slices of the stack, or calibrate again with this number of slices";
+         3) has 21; send all slices of the stack once, or calibrate again with this number of slices";
 
     InvalidProfile: S::UNPROCESSABLE_ENTITY, Never, "Invalid profile",
         "A homography is singular, mirrored or not finite, or another number of the profile is impossible. The pointer \

@@ -147,9 +147,9 @@ pub fn spans_left(exported: bool, count: usize) {
     counter!(TRACE_SPANS.name, "outcome" => outcome).increment(count as u64);
 }
 
-/// A task that runs as long as the process panicked.
-pub fn task_panicked(task: &'static str) {
-    counter!(TASK_PANICS.name, "task" => task).increment(1);
+/// A task that runs as long as the process panicked `times` times; 0 when it starts, so that its series exists.
+pub fn task_panicked(task: &'static str, times: u64) {
+    counter!(TASK_PANICS.name, "task" => task).increment(times);
 }
 
 /// A line of the log could not be written.

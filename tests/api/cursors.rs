@@ -19,7 +19,8 @@ async fn two_of_each() -> (TestApp, Vec<&'static str>) {
     app.put("/v1/profiles/rig/other").json(&profile(3)).send().await.unwrap();
     for name in ["bee", "fly"] {
         app.with_scan(name).await;
-        app.with_stack("").await;
+        let stack = app.post("/v1/stacks?rig=rig&lens=other").body(stack_zip(3, 0)).send().await.unwrap();
+        assert_eq!(stack.status(), StatusCode::ACCEPTED);
         let target = app.post("/v1/profiles/rig/lens/calibrations").body(stack_zip(2, 0)).send().await.unwrap();
         assert_eq!(target.status(), StatusCode::ACCEPTED);
         assert_eq!(creation(&app, 1000, &of_rig()).send().await.unwrap().status(), StatusCode::CREATED);

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use crate::{
     access::token,
-    app::{TestApp, id, profile, stack_zip},
+    app::{self, HEIGHT, TestApp, WIDTH, id, png, profile, stack_zip},
     pages::{HTML, still},
     uploads::client::{PIECE, of_rig},
 };
@@ -122,10 +122,13 @@ async fn what_is_made_below_a_sub_path_is_found_below_it() {
     let app = TestApp::start().await;
     let rig = json!({ "rig": "rig", "lens": "lens" }).to_string().into_bytes();
     let (json, zip, slices) = ("application/json", "application/zip", stack_zip(2, 2));
+    let member = |view: &str, i: usize| (format!("{view}/front/img_{i}.png"), png(WIDTH, HEIGHT, 3, i));
+    let views = ["bee/pan000_tilt15", "bee/pan020_tilt15"];
+    let views = app::zip(&views.map(|view| [member(view, 0), member(view, 1)]).concat());
     for (method, path, kind, body, made) in [
         (Method::PUT, "/v1/profiles/rig/lens", json, profile(2).to_string().into_bytes(), "/v1/profiles/rig/lens"),
         (Method::PUT, "/v1/scans/bee", json, rig, "/v1/scans/bee"),
-        (Method::POST, "/v1/scans/bee/archive", zip, slices.clone(), "/v1/scans/bee"),
+        (Method::POST, "/v1/scans/bee/archive", zip, views, "/v1/scans/bee"),
         (Method::POST, "/v1/stacks?rig=rig&lens=lens", zip, slices.clone(), "/v1/stacks/"),
         (Method::POST, "/v1/profiles/rig/lens/calibrations", zip, slices, "/v1/calibrations/"),
         (Method::POST, "/v1/uploads", PIECE, Vec::new(), "/v1/uploads/"),

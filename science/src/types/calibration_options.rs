@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::profile::CaptureMode;
+use super::capture_mode::CaptureMode;
 use super::report::Grade;
 
 /// Transform model of a calibration.

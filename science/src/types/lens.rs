@@ -22,7 +22,7 @@
 //! principal planes (`f (1 + 1 / M)` and `f (1 + M)`) tell what is in focus; they are no principal distance unless `P`
 //! is 1.
 
-use super::profile::CaptureMode;
+use super::capture_mode::CaptureMode;
 
 /// A lens that is focused on a plane.
 #[derive(Debug, Clone, Copy, PartialEq)]

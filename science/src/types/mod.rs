@@ -3,6 +3,7 @@
 //! They check their rules and convert themselves from other forms. This module imports no other module of the crate.
 
 pub mod calibration_options;
+pub mod capture_mode;
 pub mod control;
 pub mod distortion;
 pub mod error;

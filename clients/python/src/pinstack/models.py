@@ -10,7 +10,7 @@ from typing import Dict, List, Literal, Optional, TypedDict
 from typing_extensions import NotRequired
 
 
-CaptureMode = Literal["fixed_lens", "moving_lens"]
+CaptureMode = Literal["fixed_lens", "moving_lens", "lens_alone"]
 
 
 Code = Literal["invalid_request", "unauthorized", "forbidden", "cross_origin_request", "misdirected_request", "too_many_requests", "not_found", "method_not_allowed", "method_not_implemented", "profile_not_found", "scan_not_found", "scan_mismatch", "not_finished", "no_result", "upload_removed", "conflict", "precondition_failed", "idempotency_key_reused", "unsupported_media_type", "not_acceptable", "range_not_satisfiable", "upload_too_large", "upload_incomplete", "checksum_mismatch", "locked", "insufficient_storage", "queue_full", "invalid_archive", "unsupported_archive", "archive_too_large", "invalid_image", "size_mismatch", "slice_count_mismatch", "invalid_profile", "invalid_poses", "target_not_found", "mask_failed", "worker_lost", "unavailable", "internal"]
@@ -71,6 +71,9 @@ PanDirection = Literal["counterclockwise", "clockwise"]
 
 
 PoseFormat = Literal["colmap_text", "colmap_binary", "alicevision", "metashape", "openmvg", "csv"]
+
+
+PrincipalDistanceSource = Literal["camera_rail", "moved_target", "pupil_ratio", "focal_length", "unknown"]
 
 
 Priority = Literal["high", "normal", "low"]
@@ -181,11 +184,15 @@ class CalibrationOptions(TypedDict):
     focal_mm: NotRequired[Optional[float]]
     keep: NotRequired[Keep]
     model: NotRequired[ModelChoice]
+    moved_target: NotRequired[Optional[str]]
+    moved_target_pitch_px: NotRequired[Optional[float]]
     note: NotRequired[Optional[str]]
     pixel_pitch_mm: NotRequired[Optional[float]]
+    pupil_ratio: NotRequired[Optional[float]]
     rail_positions_mm: NotRequired[Optional[List[float]]]
     rail_step_mm: NotRequired[Optional[float]]
     reference_index: NotRequired[Optional[int]]
+    target_advance_mm: NotRequired[Optional[float]]
     target_pitch_mm: NotRequired[Optional[float]]
 
 
@@ -321,6 +328,7 @@ class Info(TypedDict):
 
     defaults: StackOptions
     formats: FormatsInfo
+    id: str
     limits: LimitsInfo
     name: str
     version: str
@@ -334,6 +342,7 @@ class Intrinsics(TypedDict):
     pixel_pitch_mm: float
     principal_distance_mm: float
     principal_distance_px: float
+    principal_distance_sigma_mm: NotRequired[Optional[float]]
     principal_point_px: NotRequired[Optional[List[float]]]
 
 
@@ -413,6 +422,7 @@ class PoseReport(TypedDict):
     expected: NotRequired[Optional[int]]
     findings: List[Warning]
     format: PoseFormat
+    not_checked: NotRequired[str]
     not_registered: List[str]
     pan_is_clockwise: NotRequired[Optional[bool]]
     pan_steps: NotRequired[Optional[StepReport]]
@@ -438,7 +448,19 @@ class Problem(TypedDict):
     type: str
 
 
-class ProfileInput(TypedDict):
+class Pupils(TypedDict):
+    """The pupils of the lens at the reference slice; null where unknown."""
+
+    entrance_pupil_distance_mm: NotRequired[Optional[float]]
+    entrance_pupil_distance_sigma_mm: NotRequired[Optional[float]]
+    exit_pupil_distance_mm: NotRequired[Optional[float]]
+    exit_pupil_distance_sigma_mm: NotRequired[Optional[float]]
+    principal_distance_sigma_mm: NotRequired[Optional[float]]
+    pupil_ratio: NotRequired[Optional[float]]
+    pupil_ratio_sigma: NotRequired[Optional[float]]
+
+
+class ProfileInput(Pupils):
     """Body of `PUT /v1/profiles/{rig}/{lens}`: homographies measured elsewhere."""
 
     capture_mode: NotRequired[Optional[CaptureMode]]
@@ -450,8 +472,10 @@ class ProfileInput(TypedDict):
     lateral_colour: NotRequired[Optional[LateralColour]]
     magnification: NotRequired[Optional[float]]
     note: NotRequired[Optional[str]]
+    orientation: NotRequired[Optional[int]]
     pixel_pitch_mm: NotRequired[Optional[float]]
     principal_distance_mm: NotRequired[Optional[float]]
+    principal_distance_source: NotRequired[Optional[PrincipalDistanceSource]]
     principal_point_px: NotRequired[Optional[List[float]]]
     rail_positions_mm: NotRequired[Optional[List[float]]]
     reference_index: int
@@ -503,7 +527,7 @@ class ProfileSlice(TypedDict):
     shift_px: List[float]
 
 
-class ProfileSummary(TypedDict):
+class ProfileSummary(Pupils):
     """A calibration profile at one revision, without its data per slice (`homographies`, `gains`, `rail_positions_mm` and `slices`)."""
 
     calibration_id: NotRequired[Optional[str]]
@@ -521,6 +545,7 @@ class ProfileSummary(TypedDict):
     pixel_pitch_mm: NotRequired[Optional[float]]
     principal_distance_mm: NotRequired[Optional[float]]
     principal_distance_px: NotRequired[Optional[float]]
+    principal_distance_source: NotRequired[Optional[PrincipalDistanceSource]]
     principal_point_px: NotRequired[Optional[List[float]]]
     reference_index: int
     revision: int

@@ -123,7 +123,7 @@ fn more_members_than_16_bits_count_are_all_seen() {
     assert_eq!(archive.layout().front.len(), 3);
     let fault = open_shared(file, &ArchiveLimits::default()).err().unwrap();
     assert_eq!(fault.kind, ErrorKind::ArchiveTooLarge);
-    assert!(fault.detail.contains("65544 members"), "{}", fault.detail);
+    assert!(fault.detail.starts_with("the directory of the zip is too large"), "{}", fault.detail);
 }
 
 #[test]

@@ -26,7 +26,8 @@ fn adobe_rgb_that_only_exif_declares_is_in_the_profile_of_every_output() {
     let archive = zip(marked(&Metadata { icc: None, exif: Some(colour_space(2)) }));
     let mut first: Option<Vec<u8>> = None;
     for (format, name) in [(ImageFormat::Png, "png"), (ImageFormat::Tiff, "tiff"), (ImageFormat::Jpeg, "jpeg")] {
-        let (output, _) = done(&TestJob::stack(&archive, StackOptions { format, ..options() }));
+        let job = TestJob::stack(&archive, StackOptions { format, ..options() });
+        let (output, _) = done(&job);
         for artifact in ["image", "preview"] {
             let bytes = file(&output, artifact).1;
             let header = probe(std::io::Cursor::new(&bytes), &Limits::default()).expect("a picture");
