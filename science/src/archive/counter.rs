@@ -25,8 +25,8 @@ pub(super) struct Restart {
 /// The names differ in one number only. With `R` values of the digits that differ (10,000 for four digits) and `n`
 /// slices, the numbers are a low run and a high run with the largest gap between them, at least `R / 10`. It is certain
 /// when the gap is at least `R / 2`, the low run begins within `4 n` (at most `R / 20`) of 0, the high run ends within
-/// `4 n` of the largest value, and no other step is larger than that: pictures in between may belong to another light. No
-/// other numbering leaves such a gap.
+/// `4 n` of the largest value, and no other step is larger than that: pictures in between may belong to another light.
+/// No other numbering leaves such a gap.
 pub(super) fn restart(names: &[&str], notation: &Notation) -> Option<Restart> {
     let pieces = natural_order::varying_pieces(names, notation)?;
     let digits = |piece| match piece {

@@ -12,11 +12,11 @@
 //! | compression | stored, deflate, deflate64 |
 //! | format | zip, zip64, zips over 4 GB of the macOS Finder, data descriptors, backslashes in names, names in UTF-8 or code page 437 |
 //!
-//! Natural order compares numbers by value and ignores case: `img_2` before `img_10`, `z-0.5` before `z0.25`. The names of
-//! a stack together tell which minus is a sign and which point has decimals ([`notation`]). A camera counter that starts
-//! again within the stack (`9998, 9999, 0001`) is followed, with a warning ([`counter`]). Names are compared in one normal
-//! form of Unicode ([`folded`](crate::types::text::folded)). Folders that systems and file servers put beside pictures
-//! are skipped ([`member_names`]).
+//! Natural order compares numbers by value and ignores case: `img_2` before `img_10`, `z-0.5` before `z0.25`. The names
+//! of a stack together tell which minus is a sign and which point has decimals ([`notation`]). A camera counter that
+//! starts again within the stack (`9998, 9999, 0001`) is followed, with a warning ([`counter`]). Names are compared in
+//! one normal form of Unicode ([`folded`](crate::types::text::folded)). Folders that systems and file servers put
+//! beside pictures are skipped ([`member_names`]).
 //!
 //! A manifest is `{"front": ["a.jpg", "b.jpg"], "back": ["c.jpg", "d.jpg"]}`. Names are relative to the root or to the
 //! folder of that light, and every picture of the zip is named once.
@@ -82,8 +82,9 @@ impl StackArchive {
         Self { layout: self.layout.reversed(), overruled, warnings: self.warnings, front, back }
     }
 
-    /// The front-light slices in another order, where the names and the times of capture disagree: that of the times, or
-    /// that of the names where the times decided. `None` where both agree, and where `manifest.json` gives the order.
+    /// The front-light slices in another order, where the names and the times of capture disagree: that of the times,
+    /// or that of the names where the times decided. `None` where both agree, and where `manifest.json` gives the
+    /// order.
     pub fn overruled_order(&self) -> Option<&[usize]> {
         self.overruled.as_deref()
     }

@@ -42,7 +42,8 @@ pub(super) struct Notation {
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Column {
-    /// The characters `-` and `+` before a number that separate; one more is a sign. `None`: the other names do not tell.
+    /// The characters `-` and `+` before a number that separate; one more is a sign. `None`: the other names do not
+    /// tell.
     separators: Option<usize>,
     has_points: bool,
     has_decimals: bool,
@@ -162,8 +163,8 @@ fn written(name: &str) -> Vec<Written> {
     out
 }
 
-/// The number of characters `-` and `+` in `runs`, which precede the numbers of a column, that separate: where some runs
-/// are longer, or end in another sign, their last character is a sign.
+/// The number of characters `-` and `+` in `runs`, which precede the numbers of a column, that separate: where some
+/// runs are longer, or end in another sign, their last character is a sign.
 fn separators<'a>(runs: impl Iterator<Item = &'a str> + Clone) -> Option<usize> {
     let lengths = || runs.clone().map(|run| run.chars().count());
     let (least, most) = (lengths().min()?, lengths().max()?);

@@ -7,11 +7,12 @@
 //! | pictures | their decoding | `slices_out_of_order` of the metrics; which of two orders is right ([`focus_prefers`]) |
 //!
 //! 1. A `manifest.json` gives the order. The other witnesses only cause warnings.
-//! 2. Names with several readings: the first that the times do not contradict. A counter that seems to have started again
-//!    although the times say otherwise is told: a TIFF may have the time of its export.
+//! 2. Names with several readings: the first that the times do not contradict. A counter that seems to have started
+//!    again although the times say otherwise is told: a TIFF may have the time of its export.
 //! 3. Names with one reading that the times contradict: the order of the names, with a warning.
 //!
-//! Where a witness is overruled, the pictures are asked before a stack is fused: where they agree with it, the job fails.
+//! Where a witness is overruled, the pictures are asked before a stack is fused: where they agree with it, the job
+//! fails.
 //!
 //! [`focus_prefers`]: crate::quality::focus_prefers
 

@@ -31,8 +31,8 @@ impl ViewAngles {
     }
 
     /// The angles that a name or path contains as `pan` and `tilt`, each followed by a number: `pan020p5_tilt-06.png`,
-    /// `tilt=6/pan=120`, `Tilt_06.5_Pan_120`, `pan022,5_tilt10`. Case is ignored. Between word and number there may be one of `=`, `_` and
-    /// a blank. `None` unless both are given exactly once.
+    /// `tilt=6/pan=120`, `Tilt_06.5_Pan_120`, `pan022,5_tilt10`. Case is ignored. Between word and number there may be
+    /// one of `=`, `_` and a blank. `None` unless both are given exactly once.
     pub fn of_name(name: &str) -> Option<Self> {
         let name = name.to_ascii_lowercase();
         Some(Self { pan_deg: angle_after(&name, "pan")?, tilt_deg: angle_after(&name, "tilt")? })

@@ -28,8 +28,8 @@ impl fmt::Display for Ratio {
 
 /// The ratios for radius, pan step and tilt step: root mean square of the standard deviations over the specimens, fused
 /// over ideal. The intervals are by Student's t, with the standard error of the logarithm from a jackknife that omits
-/// one specimen at a time (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11). The percentiles of
-/// a bootstrap over six specimens would be a third too narrow. Unbounded for a single specimen.
+/// one specimen at a time (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11). The percentiles
+/// of a bootstrap over six specimens would be a third too narrow. Unbounded for a single specimen.
 pub fn pooled(pairs: &[Pair]) -> [Ratio; 3] {
     [0, 1, 2].map(|which| {
         let squares: Vec<[f64; 2]> =

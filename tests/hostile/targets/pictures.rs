@@ -65,6 +65,9 @@ pub fn png(width: usize, height: usize, channels: usize) -> Vec<u8> {
 
 /// A small picture.
 pub fn pattern(width: usize, height: usize, channels: usize) -> Raster {
-    let samples = (0..width * height * channels).map(|i| (i * 37 % 251) as u8).collect();
+    // transparent slices are refused, so alpha is opaque
+    let is_alpha = |i: usize| channels == 4 && i % 4 == 3;
+    let samples =
+        (0..width * height * channels).map(|i| if is_alpha(i) { 255 } else { (i * 37 % 251) as u8 }).collect();
     Raster::eight(width, height, channels, samples)
 }

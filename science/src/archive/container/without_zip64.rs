@@ -50,8 +50,8 @@ impl ReadAt for WithDirectory {
     }
 }
 
-/// The zip with a directory that has zip64 records; `None` for a zip that needs no other. `tail` holds the last bytes of
-/// the file of `length` bytes.
+/// The zip with a directory that has zip64 records; `None` for a zip that needs no other. `tail` holds the last bytes
+/// of the file of `length` bytes.
 ///
 /// # Errors
 /// [`ErrorKind::InvalidArchive`] when the members are not found; [`ErrorKind::ArchiveTooLarge`] for too large a

@@ -40,7 +40,8 @@ pub struct Header {
     pub orientation: u8,
     /// Colour space.
     pub colour: ColourSpace,
-    /// When the picture was taken, by its EXIF data; of a TIFF without EXIF data, by its tag `DateTime`. `None` without.
+    /// When the picture was taken, by its EXIF data; of a TIFF without EXIF data, by its tag `DateTime`. `None`
+    /// without.
     pub taken: Option<CaptureTime>,
 }
 

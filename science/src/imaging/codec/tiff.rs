@@ -217,8 +217,8 @@ fn refuse_coding<R: Read + Seek>(decoder: &mut Decoder<R>) -> Result<Channels, I
     Ok(channels)
 }
 
-/// When the picture was taken: by the EXIF directory or, without one, by `DateTime`. A defect of these tags is no defect
-/// of the picture.
+/// When the picture was taken: by the EXIF directory or, without one, by `DateTime`. A defect of these tags is no
+/// defect of the picture.
 fn taken<R: Read + Seek>(decoder: &mut Decoder<R>) -> Option<CaptureTime> {
     // a hostile list would take much memory as a value
     let value = |mut directory: IfdDecoder<'_>, tag| {
