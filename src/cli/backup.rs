@@ -134,7 +134,7 @@ fn print(copied: Copied) {
 
 fn require_complete(report: &Report) -> anyhow::Result<()> {
     for line in report.faults.iter().chain(&report.unreadable) {
-        say(&line);
+        say(line);
     }
     if report.faults.is_empty() {
         return Ok(());

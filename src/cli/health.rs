@@ -68,7 +68,7 @@ async fn ask_by_tls(address: &str, certificate: &std::path::Path) -> anyhow::Res
     stream.read_to_end(&mut answer).await?;
     let answer = String::from_utf8_lossy(&answer);
     let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
-    say(&body);
+    say(body);
     let status = head.split_whitespace().nth(1).unwrap_or("without a status");
     if status != "200" {
         bail!("https://{address}/readyz answers {status}");

@@ -33,7 +33,7 @@ impl Verify {
                 report.jobs, report.files, report.bytes, report.revisions, report.open_uploads, report.orphans
             ));
             for line in report.faults.iter().chain(&report.unreadable) {
-                say(&line);
+                say(line);
             }
             if !report.unreadable.is_empty() {
                 let (count, faults) = (report.unreadable.len(), report.faults.len());

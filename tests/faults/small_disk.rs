@@ -165,8 +165,9 @@ async fn on_a_disk_without_a_free_byte_everything_can_be_deleted_and_all_is_well
             "{path}: {}",
             answer.text().await.expect("a text")
         );
+        // the others have rows alone, of which nothing is left but free pages of the database
+        assert!(path != deleted || disk.free() > 0, "the files of the stack are freed");
     }
-    assert!(disk.free() > 0, "something is freed");
     ballast.push(disk.fill_except(0));
     let collected = command(&disk.data(), &["gc", "--clock-is-right"]);
     assert!(collected.status.success(), "{}", text(&collected));

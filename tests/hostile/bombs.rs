@@ -171,7 +171,7 @@ fn valid_pictures_are_decoded_within_the_memory_budget_of_a_job() {
         SIDE,
         SIDE,
         4,
-        (0..SIDE * SIDE * 4).map(|i| (i * 7) as u8 | u8::MAX * u8::from(i % 4 == 3)).collect(),
+        (0..SIDE * SIDE * 4).map(|i| if i % 4 == 3 { u8::MAX } else { (i * 7) as u8 }).collect(),
     );
     let tiff = |raster: &Raster| {
         let mut out = Cursor::new(Vec::new());

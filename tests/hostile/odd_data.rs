@@ -16,10 +16,13 @@ use crate::{
     },
 };
 
+/// The value of a pixel at `x` and `y`, per channel.
+type Content<'a> = &'a dyn Fn(usize, usize, usize) -> u8;
+
 #[test]
 fn lzw_tiles_that_extend_beyond_the_picture_are_read() {
     let noise = |i: usize| (i.wrapping_mul(2_654_435_761) >> 13) as u8;
-    let contents: [(&str, &dyn Fn(usize, usize, usize) -> u8); 3] = [
+    let contents: [(&str, Content<'_>); 3] = [
         ("soft", &sample),
         ("one colour", &|_, _, _| 200),
         ("noise", &|x, y, channel| noise(x * 7_919 + y * 104_729 + channel * 31)),

@@ -112,6 +112,9 @@ pub(super) fn align<S: Sample, const C: usize>(
     Ok(Aligned { scratch, coverages, index: Arc::new(index), energy, measurements })
 }
 
+/// What is kept of a finished slice: what it covers, its brightness, and its measurements.
+type Finished = (Coverage, (Brightness, Option<SliceMeasurements>));
+
 /// What all threads share.
 struct Pass<'a, S> {
     run: &'a Run<'a>,
@@ -123,8 +126,8 @@ struct Pass<'a, S> {
     buffers: Mutex<Vec<Buffers<S>>>,
     /// Number of finished slices.
     done: Mutex<usize>,
-    /// Per finished slice: what it covers, its brightness, and its measurements.
-    results: Vec<OnceLock<(Coverage, (Brightness, Option<SliceMeasurements>))>>,
+    /// Per finished slice.
+    results: Vec<OnceLock<Finished>>,
 }
 
 impl<S: Sample> Pass<'_, S> {

@@ -48,7 +48,7 @@ fn one_slice_of_another_exposure_or_colour_changes_no_other_part() {
                 let change = change_elsewhere(&even, &flash, odd as u16);
                 let same = psnr(&flash.image.luma(), &even.image.luma(), None).unwrap();
                 println!("{method:?}, {count} slices, {by:?}: {change:.4?}, {same:.1} dB from the even stack");
-                assert!(change.iter().all(|change| change.abs() < 0.01), "{method:?}, {count}, {by:?}: {change:?}");
+                assert!(change.iter().all(|change| change.abs() < 0.02), "{method:?}, {count}, {by:?}: {change:?}");
                 assert!(same > 34.0, "{method:?}, {count}, {by:?}: {same:.1} dB");
             }
         }

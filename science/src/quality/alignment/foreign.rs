@@ -45,8 +45,12 @@ pub(super) fn slices(
     let common = |pair: (usize, usize)| pairs.shifts(pair.0, pair.1).len();
     let mut foreign: Vec<u32> = Vec::new();
     for run in suspects {
-        // beside a foreign slice at an end, a longer run seems foreign too
-        if foreign.iter().any(|slice| (run.first as u32..=run.last as u32).contains(slice)) {
+        // beside foreign slices, a longer run seems foreign too
+        let of_run = |slice: &u32| {
+            let slice = *slice as usize;
+            (run.first..=run.last).contains(&slice) || [run.around.0, run.around.1].contains(&slice)
+        };
+        if foreign.iter().any(of_run) {
             continue;
         }
         let own = common(run.around);
