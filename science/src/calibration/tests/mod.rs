@@ -5,7 +5,6 @@ mod degenerate;
 mod gains;
 mod lost;
 mod rig;
-mod silent;
 
 use std::path::PathBuf;
 
