@@ -110,7 +110,8 @@ fn colmap_starts_from_the_principal_distance_of_the_profile() {
                         tags[format!("EXIF:{tag}")].as_f64().unwrap_or_else(|| panic!("{name} has no {tag}: {tags}"))
                     };
                     let focal = number("FocalLength") * number("FocalPlaneXResolution") / 25.4;
-                    assert!((focal / expected - 1.0).abs() < 1e-4, "{name}: {focal}, not {expected}");
+                    // both are whole numbers, for COLMAP's reader of TIFF
+                    assert!((focal / expected - 1.0).abs() < 2e-4, "{name}: {focal}, not {expected}");
                     assert_eq!(number("FocalPlaneResolutionUnit"), 2.0, "{name}: inch");
                     assert_eq!((number("ExifImageWidth"), number("Orientation")), (width, 1.0), "{name}");
                 }
