@@ -93,10 +93,10 @@ fn neighbouring_slices_share_what_was_asked_of_what_is_seen() {
             let plan = plan(&input).expect("a plan");
             let is_fixed = mode == CaptureMode::FixedLens;
             let depth = if is_fixed { plan.depth_of_focus_mm.total } else { plan.depth_of_field_mm.total };
-            // with a fixed lens a slice with a smaller depth than that of the middle decides
-            let shared = 1.0 - plan.largest_step_mm / depth;
-            let tolerance = if is_fixed { 0.1 } else { 1e-9 };
-            assert!((shared - overlap).abs() < tolerance, "{mode:?}, f/{f_number}: {shared}");
+            // with a fixed lens a slice with a smaller depth than that of the middle decides, so more is shared there
+            let more = 1.0 - plan.largest_step_mm / depth - overlap;
+            let most = if is_fixed { 0.2 } else { 1e-9 };
+            assert!((-1e-9..most).contains(&more), "{mode:?}, f/{f_number}: {more} more than {overlap}");
         }
     }
 }
