@@ -16,7 +16,7 @@ const LEAST_SIDE: usize = 16;
 const ROWS: usize = 10;
 /// Darker cells (0..255) are skipped: noise and the black level outweigh the light there.
 const LEAST_MEAN: f32 = 4.0;
-/// With fewer common cells nothing is said about what two slices show.
+/// With fewer common cells nothing is said about the light of two slices, and what they show.
 const LEAST_COMMON: usize = 24;
 /// Cells with a larger share of clipped samples are skipped.
 const MOST_CLIPPED: f32 = 0.01;
@@ -103,12 +103,15 @@ impl Brightness {
         self.median(reference, |mine, its| mine[0] / its[0])
     }
 
-    /// Median ratio of a channel (0: luma, 1 to 3: red, green, blue) over the common cells that are not dark in it.
+    /// Median ratio of a channel (0: luma, 1 to 3: red, green, blue) over the common cells that are not dark in it; none
+    /// with too few of them, where it is that of their content.
     pub(crate) fn channel_ratio(&self, reference: &Self, channel: usize) -> Option<f64> {
-        self.median(reference, |mine, its| {
+        let mut ratios = self.ratios(reference, |mine, its| {
             let is_lit = mine[channel].min(its[channel]) >= LEAST_MEAN;
             if is_lit { mine[channel] / its[channel] } else { f32::NAN }
-        })
+        });
+        let are_enough = ratios.len() >= LEAST_COMMON;
+        are_enough.then(|| statistics::quantile_interpolated(&mut ratios, 0.5).map(f64::from)).flatten()
     }
 
     /// Median ratios of red over green and of blue over green, over the common cells.
