@@ -103,8 +103,8 @@ impl Brightness {
         self.median(reference, |mine, its| mine[0] / its[0])
     }
 
-    /// Median ratio of a channel (0: luma, 1 to 3: red, green, blue) over the common cells that are not dark in it; none
-    /// with too few of them, where it is that of their content.
+    /// Median ratio of a channel (0: luma, 1 to 3: red, green, blue) over the common cells that are not dark in it.
+    /// None with too few of them: it would be the ratio of their content.
     pub(crate) fn channel_ratio(&self, reference: &Self, channel: usize) -> Option<f64> {
         let mut ratios = self.ratios(reference, |mine, its| {
             let is_lit = mine[channel].min(its[channel]) >= LEAST_MEAN;
