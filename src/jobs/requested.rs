@@ -16,35 +16,56 @@ use pinstack_science::{
     imaging::Slices,
     quality,
     segmentation::MaskParams,
-    types::{Error, ErrorKind, ReadAt, fusion_options::GuidedParams, profile::ProfileInput},
+    types::{Control, Error, ErrorKind, Interrupted, ReadAt, fusion_options::GuidedParams, profile::ProfileInput},
 };
+
+/// Slices that the order in a refusal names, at most.
+const MOST_NAMED: usize = 60;
 
 /// The archive with its slices in the order of fusion.
 ///
 /// # Errors
-/// As [`archive::open_shared`]. [`ErrorKind::InvalidArchive`] when names and times of capture disagree and the pictures
-/// agree with the one that was overruled.
+/// As [`archive::open_shared`].
 pub(super) fn archive(
     zip: Arc<dyn ReadAt>,
     options: &StackOptions,
     limits: &ArchiveLimits,
 ) -> Result<StackArchive, Error> {
+    Ok(in_order(archive::open_shared(zip, limits)?, options))
+}
+
+/// As [`archive`]; where names and times of capture disagree, the pictures are asked, for which every slice is decoded
+/// once more.
+///
+/// # Errors
+/// As [`archive()`]. [`ErrorKind::InvalidArchive`] when the pictures agree with the witness that was overruled.
+pub(super) fn checked_archive(
+    zip: Arc<dyn ReadAt>,
+    options: &StackOptions,
+    limits: &ArchiveLimits,
+    control: &dyn Control,
+) -> Result<StackArchive, Interrupted> {
     let archive = archive::open_shared(zip, limits)?;
     if let Some(order) = archive.overruled_order()
-        && quality::focus_prefers(archive.front(), order)?
+        && quality::focus_prefers(archive.front(), order, control)?
     {
-        let names: Vec<&str> = order.iter().map(|&at| archive.front().name(at)).collect();
+        let more = (order.len() > MOST_NAMED).then_some("...");
+        let names = order.iter().take(MOST_NAMED).map(|&at| archive.front().name(at)).chain(more);
         let detail = format!(
             "the names and the EXIF times of the slices disagree on their order, and by their focus this order is right: \
              {}; rename the files, or list them in manifest.json, and send the stack again",
-            names.join(", ")
+            names.collect::<Vec<_>>().join(", ")
         );
-        return Err(Error::new(ErrorKind::InvalidArchive, detail));
+        return Err(Error::new(ErrorKind::InvalidArchive, detail).into());
     }
-    Ok(match options.order {
+    Ok(in_order(archive, options))
+}
+
+fn in_order(archive: StackArchive, options: &StackOptions) -> StackArchive {
+    match options.order {
         SliceOrder::Name => archive,
         SliceOrder::Reverse => archive.reversed(),
-    })
+    }
 }
 
 /// How a stack with these options is fused with the profile `profile`.
@@ -82,6 +103,7 @@ mod tests {
         Raster,
         codec::{Metadata, encode_png},
     };
+    use pinstack_science::types::{Cancelled, NoControl};
 
     /// A PNG with the EXIF time of capture `10:00:{second}`.
     fn taken_at(picture: &Raster, second: usize) -> Vec<u8> {
@@ -93,21 +115,42 @@ mod tests {
         out
     }
 
-    /// The archive of slices named `s0`, `s1`, ..., each a picture of the stack and its time.
-    fn opened(slices: [(usize, usize); 5]) -> Result<StackArchive, Error> {
+    /// The zip of slices named `s0`, `s1`, ..., each a picture of the stack and its time.
+    fn zipped(slices: [(usize, usize); 5]) -> Arc<dyn ReadAt> {
         let member = |(at, &(picture, second)): (usize, &(usize, usize))| {
             (format!("s{at}.png"), taken_at(&stack().front[picture], second))
         };
-        let bytes = zip(slices.iter().enumerate().map(member).collect());
-        archive(Arc::new(bytes), &StackOptions::default(), &ArchiveLimits::default())
+        Arc::new(zip(slices.iter().enumerate().map(member).collect()))
+    }
+
+    fn opened(slices: [(usize, usize); 5]) -> Result<StackArchive, Interrupted> {
+        checked_archive(zipped(slices), &StackOptions::default(), &ArchiveLimits::default(), &NoControl)
     }
 
     #[test]
     fn names_that_times_and_pictures_contradict_are_refused_before_fusion() {
         let wrong = [(0, 10), (3, 13), (2, 12), (1, 11), (4, 14)];
-        let fault = opened(wrong).err().expect("two witnesses contradict the names");
+        let Some(Interrupted::Failed(fault)) = opened(wrong).err() else {
+            panic!("two witnesses contradict the names")
+        };
         assert_eq!(fault.kind, ErrorKind::InvalidArchive);
         assert!(fault.detail.contains("right: s0.png, s3.png, s2.png, s1.png, s4.png; rename"), "{}", fault.detail);
+    }
+
+    #[test]
+    fn asking_the_pictures_can_be_cancelled_and_is_not_done_to_show_one_slice() {
+        struct Stopped;
+        impl Control for Stopped {
+            fn progress(&self, _: &'static str, _: usize, _: usize) {}
+            fn check(&self) -> Result<(), Cancelled> {
+                Err(Cancelled)
+            }
+        }
+        let (wrong, options) = (zipped([(0, 10), (3, 13), (2, 12), (1, 11), (4, 14)]), StackOptions::default());
+        let limits = ArchiveLimits::default();
+        let stopped = checked_archive(Arc::clone(&wrong), &options, &limits, &Stopped).err();
+        assert_eq!(stopped, Some(Interrupted::Cancelled(Cancelled)));
+        assert_eq!(archive(wrong, &options, &limits).expect("no picture is read").layout().front.len(), 5);
     }
 
     #[test]

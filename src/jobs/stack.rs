@@ -69,7 +69,7 @@ pub fn run(
     // archive
     let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
-    let archive = requested::archive(Arc::clone(&context.archive), options, limits)?;
+    let archive = requested::checked_archive(Arc::clone(&context.archive), options, limits, &reading)?;
     let [front_slices, back_slices] =
         [archive.front(), archive.back()].map(|slices| FullScaleSlices::of(slices, options.input_bits));
     warnings.extend_from_slice(archive.warnings());

@@ -9,7 +9,10 @@
 //! which is 0 for curves with one peak. A slice is misplaced if moving it alone removes a considerable part of the
 //! excess.
 
-use crate::{imaging::Slices, types::Error};
+use crate::{
+    imaging::Slices,
+    types::{Control, Interrupted},
+};
 
 /// Cells in each direction over the canvas: coarse, because misplaced slices were also warped by a wrong homography.
 const GRID: usize = 20;
@@ -28,12 +31,16 @@ const LEAST_GAIN_SHARE: f32 = 0.25;
 const SUSPECTS: usize = 6;
 
 /// True when focus moves more steadily in `order` than in the order of `slices`, by as much as a misplaced slice needs
-/// to be reported. Loads every slice once.
+/// to be reported. Loads every slice once, one at a time. `order` holds 0-based indices of `slices`.
 ///
 /// # Errors
-/// Those of loading.
-pub fn focus_prefers(slices: &(impl Slices + ?Sized), order: &[usize]) -> Result<bool, Error> {
-    Ok(FocusCurves::of_slices(slices)?.prefer(order))
+/// Those of loading, and a cancellation by `control`.
+pub fn focus_prefers(
+    slices: &(impl Slices + ?Sized),
+    order: &[usize],
+    control: &dyn Control,
+) -> Result<bool, Interrupted> {
+    Ok(FocusCurves::of_slices(slices, control)?.prefer(order))
 }
 
 /// The logarithm of the mean saliency over the slices, cell by cell.
@@ -69,10 +76,12 @@ impl FocusCurves {
     }
 
     /// From slices as they were stored: the mean squared gradient of the cells.
-    fn of_slices(slices: &(impl Slices + ?Sized)) -> Result<Self, Error> {
+    fn of_slices(slices: &(impl Slices + ?Sized), control: &dyn Control) -> Result<Self, Interrupted> {
         let mut energies: Vec<Vec<f32>> = vec![Vec::new(); GRID * GRID];
         for index in 0..slices.count() {
+            control.check()?;
             let luma = slices.load(index)?.luma();
+            control.check()?;
             let (width, height) = (luma.width, luma.height);
             let mut sums = vec![(0.0f64, 0usize); GRID * GRID];
             for y in 1..height {
