@@ -34,7 +34,7 @@ pub(super) fn archive(
     Ok(in_order(archive::open_shared(zip, limits)?, options))
 }
 
-/// As [`archive`]; where names and times of capture disagree, the pictures are asked, for which every slice is decoded
+/// As [`archive()`]; where names and times of capture disagree, the pictures are asked, for which every slice is decoded
 /// once more.
 ///
 /// # Errors
