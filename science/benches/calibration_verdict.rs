@@ -1,5 +1,6 @@
 //! The verdict of the calibration against the truth, on synthetic stacks with faults. `cargo bench --bench
-//! calibration_verdict -- [--quick] [--only NAME;NAME] [--seeds N] [--offset N]`
+//! calibration_verdict -- [--quick] [--only NAME;NAME] [--seeds N] [--mixtures N] [--offset
+//! N]`
 //!
 //! Each fault alone at several strengths, stacks without a fault, and random mixtures. A stack whose verdict is "Good"
 //! and wrong, a stack that was downgraded or refused without need, and a gain that is off and not told are one line
@@ -26,26 +27,35 @@ fn main() {
                 selection.only = names.split(';').map(str::to_owned).collect();
             }
             "--seeds" => selection.seeds = number(),
+            "--mixtures" => selection.mixtures = number(),
             "--offset" => selection.offset = number(),
             other => usage(other),
         }
     }
     let stacks = stacks(&selection);
-    let judgements: Vec<Judgement> = stacks.par_iter().map(judge).collect();
-    for of in &judgements {
-        let verdict = match of.grade {
-            Some(Grade::Good) if of.wrong || of.dishonest => "GOOD AND WRONG",
-            None if of.downgraded => "refused without need",
-            Some(_) if of.downgraded => "downgraded without need",
-            Some(_) if of.gain_untold => "gain not told",
-            _ => continue,
-        };
-        println!("{verdict}: {}: corner {:.2} px, gain {:.2} %: {}", of.what, of.corner, 100.0 * of.gain, of.told);
+    let mut judgements: Vec<Judgement> = Vec::new();
+    // in chunks: lines are printed in order, and as soon as they are known
+    for few in stacks.chunks(8) {
+        let few: Vec<Judgement> = few.par_iter().map(judge).collect();
+        few.iter().for_each(print);
+        judgements.extend(few);
     }
     println!("\n{}", table(&judgements));
 }
 
+/// One line about a judgement that is wrong in any way.
+fn print(of: &Judgement) {
+    let verdict = match of.grade {
+        Some(Grade::Good) if of.wrong || of.dishonest => "GOOD AND WRONG",
+        None if of.downgraded => "refused without need",
+        Some(_) if of.downgraded => "downgraded without need",
+        Some(_) if of.gain_untold => "gain not told",
+        _ => return,
+    };
+    println!("{verdict}: {}: corner {:.2} px, gain {:.2} %: {}", of.what, of.corner, 100.0 * of.gain, of.told);
+}
+
 fn usage<T>(argument: &str) -> T {
-    eprintln!("{argument} is not understood: --quick, --only NAME;NAME, --seeds N, --offset N");
+    eprintln!("{argument} is not understood: --quick, --only NAME;NAME, --seeds N, --mixtures N, --offset N");
     std::process::exit(2)
 }

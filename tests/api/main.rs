@@ -39,5 +39,6 @@ mod sub_path;
 mod tiles;
 mod token_command;
 mod uploads;
+mod verdicts;
 mod watching;
 mod wrong_zips;

@@ -1,50 +1,137 @@
 //! Lamp banding: stripes of light across a slice, by a lamp that flickers while the shutter runs.
 //!
 //! Stripes move dots towards their bright side, by another amount in each slice. What they leave is the mean of each
-//! row (or of each column) of the image after the dots are removed. Other errors of the rendered dots appear in rows
-//! and columns alike.
+//! row (or of each column) of the image after the dots are removed.
+//!
+//! Stripes whose period is the pitch vary as the dots do: half of them is taken for another shape of the dots, in rows
+//! and columns alike, and the other half for another position. So where dots leave white corridors between them, the
+//! means are over these alone, as they are seen: those of rows over the corridors that cross the rows, those of columns
+//! over the others. In slices too blurred for that, the means are over all samples without the rendered dots.
+//!
+//! Rows and columns are compared in each ninth of the image: where one end of a tilted target is blurred more, the dots
+//! differ from the rendered ones in rows and columns alike. Stripes are everywhere.
 
+use super::lattice::Places;
+use super::{dlt, radial_profile::RadialProfile, statistics::median};
 use crate::imaging::Plane;
+use crate::types::Homography;
 
 /// Rows or columns over which slow changes of light are removed, in grid steps.
 const SLOW: f64 = 4.0;
-/// Least samples of a row or column.
-const MIN_SAMPLES: f64 = 50.0;
-/// Ratio of the stripes in one direction to those in the other from which they are lamp banding.
-const CLEAR: f64 = 3.0;
-/// Least amplitude, as a share of the light.
-const LEAST: f64 = 0.006;
+/// Parts along each side of the image.
+const PARTS: usize = 3;
+/// Least samples of a line, and of one in corridors.
+const MIN_SAMPLES: [f64; 2] = [50.0, 15.0];
+/// Ratio of the stripes in one direction to those in the other from which they are lamp banding; the second in corridors,
+/// where there is only noise beside them.
+const CLEAR: [f64; 2] = [3.0, 2.0];
+/// Least amplitude, as a share of the light; the second in corridors.
+const LEAST: [f64; 2] = [0.006, 0.0015];
+/// Least width of a corridor, grid steps.
+const MIN_WIDTH: f64 = 0.12;
+/// Places that determine where the corridors run.
+const MAX_PLACES: usize = 150;
 
-/// Amplitude of the stripes, as a share of the light; `None` when there are none. `contrast`: the contrast image,
-/// `rendered`: the same of the dots alone, `ground`: 1 where a sample shows the target. `pitch`: px.
-pub(super) fn amplitude(contrast: &Plane<f32>, rendered: &Plane<f32>, ground: &Plane<u8>, pitch: f64) -> Option<f64> {
-    let (width, height) = (contrast.width, contrast.height);
-    let (mut rows, mut columns) = (vec![[0.0_f64; 2]; height], vec![[0.0_f64; 2]; width]);
-    let samples = contrast.data.iter().zip(&rendered.data).zip(&ground.data).enumerate();
-    for (k, ((seen, dots), ground)) in samples {
-        if *ground != 0 {
-            let left = f64::from(seen - dots);
-            for line in [&mut rows[k / width], &mut columns[k % width]] {
-                *line = [line[0] + left, line[1] + 1.0];
-            }
-        }
-    }
-    let [across, along] = [rows, columns].map(|lines| ripple(&lines, pitch));
-    let (across, along) = (across?, along?);
-    let amplitude = std::f64::consts::SQRT_2 * across.max(along);
-    (across.max(along) > CLEAR * across.min(along) && amplitude > LEAST).then_some(amplitude)
+/// The contrast of a slice.
+pub(super) struct Contrast<'a> {
+    /// The contrast image.
+    pub seen: &'a Plane<f32>,
+    /// The same of the dots alone.
+    pub rendered: &'a Plane<f32>,
+    /// 1 where a sample shows the target.
+    pub ground: &'a Plane<u8>,
+    /// The dots, px.
+    pub places: &'a Places,
+    /// Distance of neighbouring dots, px.
+    pub pitch: f64,
+    /// The two grid steps, px.
+    pub steps: [[f64; 2]; 2],
+    /// The radial profile of a dot.
+    pub profile: &'a RadialProfile,
 }
 
-/// RMS of the means of the lines, without slow changes. `lines`: sum and number of samples.
-fn ripple(lines: &[[f64; 2]], pitch: f64) -> Option<f64> {
-    let means: Vec<f64> = lines.iter().filter(|l| l[1] >= MIN_SAMPLES).map(|l| l[0] / l[1]).collect();
-    let reach = (0.5 * SLOW * pitch).round() as usize;
-    if means.len() < 2 * reach + 1 {
-        return None;
+/// Sum and number of samples of each line.
+type Lines = Vec<[f64; 2]>;
+
+impl Contrast<'_> {
+    /// Amplitude of the stripes, as a share of the light; `None` when there are none.
+    pub(super) fn stripes(&self) -> Option<f64> {
+        let corridors = Corridors::of(self);
+        let white = usize::from(corridors.is_some());
+        let [across, along] =
+            self.lines(corridors.as_ref()).map(|lines| ripple(&lines, self.pitch, MIN_SAMPLES[white]));
+        let (across, along) = (across?, along?);
+        let amplitude = std::f64::consts::SQRT_2 * across.max(along);
+        (across.max(along) > CLEAR[white] * across.min(along) && amplitude > LEAST[white]).then_some(amplitude)
     }
-    let off = |window: &[f64]| window[reach] - window.iter().sum::<f64>() / window.len() as f64;
-    let squares: Vec<f64> = means.windows(2 * reach + 1).map(|window| off(window).powi(2)).collect();
-    Some((squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+
+    /// The lines along the rows and those along the columns, one list per part.
+    fn lines(&self, corridors: Option<&Corridors>) -> [Vec<Lines>; 2] {
+        let (width, height) = (self.seen.width, self.seen.height);
+        let mut rows = vec![vec![[0.0_f64; 2]; height]; PARTS];
+        let mut columns = vec![vec![[0.0_f64; 2]; width]; PARTS];
+        let samples = self.seen.data.iter().zip(&self.rendered.data).zip(&self.ground.data).enumerate();
+        for (k, ((seen, dots), _)) in samples.filter(|(_, (_, ground))| **ground != 0) {
+            let (x, y) = (k % width, k / width);
+            let left = f64::from(if corridors.is_some() { *seen } else { seen - dots });
+            let [in_row, in_column] = corridors.map_or([true; 2], |c| c.contain([x as f64, y as f64]));
+            let add = |line: &mut [f64; 2]| *line = [line[0] + left, line[1] + 1.0];
+            if in_row {
+                add(&mut rows[x * PARTS / width][y]);
+            }
+            if in_column {
+                add(&mut columns[y * PARTS / height][x]);
+            }
+        }
+        [rows, columns]
+    }
+}
+
+/// The white corridors between the dots.
+struct Corridors {
+    /// Px to labels.
+    to_grid: Homography,
+    /// Which coordinate of the grid is constant along the corridors that cross the rows.
+    crossing_rows: usize,
+    /// Half their width, grid steps.
+    half: f64,
+}
+
+impl Corridors {
+    /// `None` when the dots leave none.
+    fn of(contrast: &Contrast) -> Option<Self> {
+        let half = 0.5 - contrast.profile.rim() / contrast.pitch;
+        if 2.0 * half < MIN_WIDTH {
+            return None;
+        }
+        let every = contrast.places.len().div_ceil(MAX_PLACES).max(1);
+        let pairs: Vec<dlt::Pair> =
+            contrast.places.iter().step_by(every).map(|(label, at)| (*at, label.map(f64::from))).collect();
+        let steps = contrast.steps;
+        let crossing_rows = usize::from(steps[0][1].abs() > steps[1][1].abs());
+        Some(Self { to_grid: dlt::fit(&pairs)?, crossing_rows, half })
+    }
+
+    /// Whether a sample is in a corridor that crosses the rows, and in one that crosses the columns.
+    fn contain(&self, at: [f64; 2]) -> [bool; 2] {
+        let grid = self.to_grid.apply(at);
+        let is_in = |axis: usize| (grid[axis] - grid[axis].floor() - 0.5).abs() < self.half;
+        [is_in(self.crossing_rows), is_in(1 - self.crossing_rows)]
+    }
+}
+
+/// RMS of the means of the lines, without slow changes, in the median part of the image.
+fn ripple(parts: &[Lines], pitch: f64, min_samples: f64) -> Option<f64> {
+    let reach = (0.5 * SLOW * pitch).round() as usize;
+    let mut squares = Vec::new();
+    for lines in parts {
+        let means: Vec<f64> = lines.iter().filter(|l| l[1] >= min_samples).map(|l| l[0] / l[1]).collect();
+        let off = |window: &[f64]| window[reach] - window.iter().sum::<f64>() / window.len() as f64;
+        let off: Vec<f64> = means.windows(2 * reach + 1).map(|window| off(window).powi(2)).collect();
+        let part = off.len().div_ceil(PARTS).max(1);
+        squares.extend(off.chunks(part).map(|part| part.iter().sum::<f64>() / part.len() as f64));
+    }
+    (!squares.is_empty()).then(|| median(&mut squares).sqrt())
 }
 
 #[cfg(test)]

@@ -28,10 +28,11 @@ pub(super) fn radius(share: f64) -> f64 {
 }
 
 /// Shift of the first harmonic's phase by a disc blur of `radius` steps whose light has a relative gradient of 1 per
-/// step, in steps: `r J2(k r) / (k J1(k r))` with `k = 2 pi`; without limit where the harmonic vanishes.
+/// step, in steps: `r J2(k r) / (k J1(k r))` with `k = 2 pi`; without limit where the harmonic vanishes, and against
+/// the gradient beyond.
 pub(super) fn tilt_shift(radius: f64) -> f64 {
     let x = TAU * radius;
-    if x < 1e-3 { 0.0 } else { radius * (j2(x) / (TAU * j1(x).abs().max(1e-6))).abs() }
+    if x < 1e-3 { 0.0 } else { radius * j2(x) / (TAU * j1(x).abs().max(1e-6).copysign(j1(x))) }
 }
 
 /// Bessel function of the first kind of order one.

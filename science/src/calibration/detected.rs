@@ -29,6 +29,10 @@ pub(super) struct MeasuredDot {
     pub light: DotBrightness,
     /// The part of `sigma` that neighbouring dots share (glare, inpainting).
     pub shared_sigma: f64,
+    /// Amplitude of the first harmonic over the mean level.
+    pub modulation: f64,
+    /// A displacement of one standard deviation that all dots of the slice have together, each its own, px.
+    pub doubt: [f64; 2],
     /// Share of its window that is synthetic or at full scale: brightness is unreliable there.
     pub invalid: f64,
 }
@@ -65,8 +69,6 @@ pub(super) struct Detection {
     /// True when the slice was found where the motion of the other slices does not lead. It counts only if the
     /// fingerprint confirms it.
     pub is_tentative: bool,
-    /// Standard deviation, per coordinate, of an error that all dots of the slice share, px.
-    pub common_sigma: f64,
     /// Amplitude of stripes across the image, as a share of the light; `None` without stripes.
     pub stripes: Option<f64>,
     /// What makes the cells of the grid differ; `None` when the grid is degenerate.

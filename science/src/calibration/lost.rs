@@ -16,12 +16,14 @@ pub(super) enum Loss {
     Blank,
     /// A large part is at full scale.
     Clipped,
+    /// Stripes of light.
+    Striped,
     /// Dots or other things that do not fit the grid of the other slices.
     Other,
 }
 
 /// All reasons, the most serious first.
-pub(super) const ALL: [Loss; 5] = [Loss::Other, Loss::Black, Loss::Blank, Loss::Clipped, Loss::Blurred];
+pub(super) const ALL: [Loss; 6] = [Loss::Other, Loss::Striped, Loss::Black, Loss::Blank, Loss::Clipped, Loss::Blurred];
 
 /// Share of the strongest modulation from which a slice counts as sharp.
 const SHARP: f64 = 0.6;
@@ -34,6 +36,9 @@ impl Loss {
         let strongest = tracked.strongest();
         let share = |d: &Option<Detection>| d.as_ref().map(|d| d.modulation.abs() / strongest);
         let shares: Vec<Option<f64>> = tracked.detections.iter().map(share).collect();
+        if tracked.detections[index].as_ref().is_some_and(|d| d.stripes.is_some()) {
+            return Self::Striped;
+        }
         if let Some(share) = shares[index] {
             return if share > SHARP { Self::Other } else { Self::Blurred };
         }
@@ -41,8 +46,9 @@ impl Loss {
         match tracked.diagnoses[index] {
             Some(Diagnosis::Black) => Self::Black,
             Some(Diagnosis::Clipped) => Self::Clipped,
+            Some(Diagnosis::Striped) => Self::Striped,
             Some(Diagnosis::NoContrast | Diagnosis::Blurred) if is_between_sharp => Self::Blank,
-            Some(Diagnosis::Other) if is_between_sharp => Self::Other,
+            Some(Diagnosis::Other | Diagnosis::TooFine) if is_between_sharp => Self::Other,
             _ => Self::Blurred,
         }
     }
@@ -54,6 +60,7 @@ impl Loss {
             Self::Black => "almost black",
             Self::Blank => "without dots, although the slices beside it are sharp",
             Self::Clipped => "over-exposed",
+            Self::Striped => "crossed by stripes of light",
             Self::Other => "of another target or object, or with dots too irregular to follow",
         }
     }
@@ -67,6 +74,7 @@ impl Loss {
             Self::Black => "check the lamp, the flash and the shutter, and take the stack again",
             Self::Blank => "check that nothing covers the target or the lens, and take the stack again",
             Self::Clipped => "reduce the exposure, and take the stack again",
+            Self::Striped => "use a lamp on direct current, a longer exposure, or the mechanical shutter",
             Self::Other => {
                 "check that every slice shows the same target, well printed and in the same place, and take the stack again"
             }

@@ -140,7 +140,7 @@ pub fn calibrate(
     }
     let given = rail_positions(options, count)?;
     let mut tracked = tracking::track_all(slices, reference, control)?;
-    falloff::widen_weak_slices(&mut tracked);
+    falloff::doubt_uneven_light(&mut tracked);
     let lens = distortion::analyse(&tracked, reference, control)?;
     if let Some(distortion) = &lens.distortion {
         tracked = distortion::straightened(tracked, distortion);

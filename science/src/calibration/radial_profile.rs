@@ -243,7 +243,19 @@ impl RadialProfile {
 
     /// Distance at which the contrast has fallen to half of its maximum, px.
     pub(super) fn half_width(&self) -> f64 {
-        let half = 0.5 * self.values.iter().take(3).fold(0.0_f64, |top, v| top.max(v.abs()));
+        self.width_at(0.5)
+    }
+
+    /// Distance from which a dot leaves the ground white, px.
+    pub(super) fn rim(&self) -> f64 {
+        let tenth = self.width_at(0.1);
+        // beyond a tenth the tail may be stripes of light and not the dot: its edge goes on as it fell to there
+        tenth + 0.6 * (tenth - self.half_width())
+    }
+
+    /// Distance at which the contrast has fallen to `share` of its maximum, px.
+    fn width_at(&self, share: f64) -> f64 {
+        let half = share * self.values.iter().take(3).fold(0.0_f64, |top, v| top.max(v.abs()));
         // the first crossing: the tail may oscillate where few pixels determine it
         let Some(next) = self.values.iter().position(|v| v.abs() < half) else {
             return self.values.len() as f64 * self.step;

@@ -52,6 +52,11 @@ pub(super) enum RailAnomaly {
         /// Its distance from the line.
         by: Jump,
     },
+    /// The dots of a single slice contradict the transform model of the others: it is tilted, turned or stretched alone.
+    Different {
+        /// The slice.
+        slice: usize,
+    },
     /// The files are not in the order of the rail positions.
     OutOfOrder {
         /// The measured slices in the order of the rail positions.
@@ -61,6 +66,10 @@ pub(super) enum RailAnomaly {
 
 /// Least deviation from an ordinary step that is reported, in steps.
 const UNEVEN: f64 = 0.25;
+
+/// A step counts as one from this many standard deviations, and from this share of the largest step.
+const CLEAR: f64 = 6.0;
+const LEAST_STEP: f64 = 0.1;
 
 /// Classifies the steps between neighbouring measured slices. `by_scale` are positions derived from the scales, with
 /// their standard deviations; `expected` are the specified or assumed positions.
@@ -75,9 +84,12 @@ pub(super) fn step_anomalies(by_scale: &[Option<(f64, f64)>], expected: &[f64]) 
     if lengths.len() < 3 {
         return Vec::new();
     }
-    let usual = median_of(lengths.iter().map(|l| l.1));
+    // where the rail was stuck for most of the stack, the median of all steps is none
+    let largest = lengths.iter().map(|l| l.1.abs()).fold(0.0, f64::max);
+    let moved = || lengths.iter().filter(|l| l.1.abs() > (CLEAR * l.2).max(LEAST_STEP * largest)).map(|l| l.1);
+    let usual = median_of(moved());
     // a rail whose steps vary all the time has a larger limit
-    let wobble = mad_sigma(lengths.iter().map(|l| l.1 / usual - 1.0));
+    let wobble = mad_sigma(moved().map(|l| l / usual - 1.0));
     let mut anomalies = Vec::new();
     for (after, length, sigma) in lengths {
         let steps = length / usual;

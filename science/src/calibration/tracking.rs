@@ -18,6 +18,9 @@ use crate::types::{Control, Error, ErrorKind, Interrupted};
 /// Most slices in which the grid is searched for, besides the reference.
 const MAX_TRIED: usize = 9;
 
+/// Least distance of neighbouring dots, px. Nearer ones are a few samples, whose pattern may be that of another grid.
+const MIN_PITCH: f64 = 4.75;
+
 /// Tracks the grid through all slices. Detection starts with `reference` and, when that shows no grid, continues with
 /// slices spread over the stack.
 ///
@@ -44,6 +47,7 @@ pub(super) fn track_all(slices: &dyn Slices, reference: usize, control: &dyn Con
         loader.size = Some((slice.width, slice.height, index));
         if let Some((target, lattice)) = detection::detect_grid(&slice, control)?
             && let Some((target, mut detection)) = detection::measure_grid(&slice, target, &lattice, control)?
+            && detection.pitch >= MIN_PITCH
         {
             detection.tint = tint::tint(&slice, &detection);
             let colours = lateral_colour::measure(&slice, target, &detection, control)?;

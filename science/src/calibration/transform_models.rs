@@ -34,14 +34,6 @@ impl TransformModel {
         }
     }
 
-    /// Which of the free parameters are the shift, x and y.
-    pub(super) fn shift(self) -> [usize; 2] {
-        match self {
-            Self::Similarity => [2, 3],
-            Self::Affine | Self::Homography => [2, 5],
-        }
-    }
-
     /// The model as named in a profile.
     pub(super) fn homography_model(self) -> HomographyModel {
         match self {
@@ -171,6 +163,25 @@ pub(super) fn fit(model: TransformModel, matches: &[Match]) -> Option<Fit> {
         }
     }
     None
+}
+
+/// Change of the free parameters when the dots are moved by `moves` in the slice, units.
+pub(super) fn response(
+    model: TransformModel,
+    matches: &[Match],
+    free: &DVector<f64>,
+    moves: &[[f64; 2]],
+) -> Option<DVector<f64>> {
+    let p = model.parameters(free);
+    let (mut normal, mut right) = (DMatrix::zeros(model.size(), model.size()), DVector::zeros(model.size()));
+    for (m, moved) in matches.iter().zip(moves) {
+        for (row, moved) in jacobian(&p, m.base).iter().zip(moved) {
+            let row = model.gather(row) / m.sigma;
+            normal += &row * row.transpose();
+            right += row * (moved / m.sigma);
+        }
+    }
+    Some(normal.try_inverse()? * right)
 }
 
 /// Fewest and most blocks along each side of the dots' bounding box.

@@ -23,7 +23,7 @@ mod target;
 mod tests;
 pub mod turntable;
 
-pub use rig::Rig;
+pub use rig::{Alone, Rig};
 pub use scene::Scene;
 pub use sensor::Light;
 pub use stack::{Rendered, render, target_stack, truth};

@@ -42,6 +42,8 @@ pub struct Rig {
     /// One per slice: further displacement of the image, px: jumps, backlash, steady drift. A slice without entry has
     /// none; that of the reference is subtracted from all.
     pub displaced_px: Vec<[f64; 2]>,
+    /// A slice that the camera sees otherwise than the others.
+    pub alone: Option<Alone>,
     /// Rotation of the image about its centre over the whole rail, degrees.
     pub rotation_deg: f64,
     /// Keystone over the whole rail: how much larger the right (bottom) border gets than the centre,
@@ -62,6 +64,27 @@ pub struct Rig {
     pub channels: usize,
     /// Seed of the noise and of the drift jitter.
     pub seed: u64,
+}
+
+/// How the image of one slice differs, about its centre.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Alone {
+    /// Index of the slice; not the reference.
+    pub slice: usize,
+    /// Keystone, as [`Rig::keystone`].
+    pub keystone: [f64; 2],
+    /// Degrees.
+    pub turn_deg: f64,
+    /// Down per px to the right, px.
+    pub shear: f64,
+}
+
+impl Alone {
+    fn map(&self, [cx, cy]: [f64; 2]) -> Matrix3<f64> {
+        let (sin, cos) = self.turn_deg.to_radians().sin_cos();
+        let [px, py] = [-self.keystone[0] / cx.max(1.0), -self.keystone[1] / cy.max(1.0)];
+        Matrix3::new(cos, -sin, 0.0, sin + self.shear, cos, 0.0, px, py, 1.0)
+    }
 }
 
 impl Default for Rig {
@@ -101,6 +124,7 @@ impl Rig {
             reference: slices / 2,
             drift_px: [6.0 * scale, -4.0 * scale],
             displaced_px: Vec::new(),
+            alone: None,
             rotation_deg: 0.15,
             keystone: [4e-4, -3e-4],
             vignetting: 0.15,
@@ -119,6 +143,7 @@ impl Rig {
         Self {
             drift_px: [0.0; 2],
             displaced_px: Vec::new(),
+            alone: None,
             rotation_deg: 0.0,
             keystone: [0.0; 2],
             vignetting: 0.0,
@@ -292,7 +317,9 @@ impl Rig {
         let [cx, cy] = self.centre();
         let perspective = [-self.keystone[0] * along / cx.max(1.0), -self.keystone[1] * along / cy.max(1.0)];
         let inner = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, perspective[0], perspective[1], 1.0);
-        shifting([cx + shift[0], cy + shift[1]]) * inner * shifting([-cx, -cy])
+        let alone =
+            self.alone.filter(|alone| alone.slice == i).map_or(Matrix3::identity(), |alone| alone.map([cx, cy]));
+        shifting([cx + shift[0], cy + shift[1]]) * alone * inner * shifting([-cx, -cy])
     }
 
     /// Light per pixel in slice `i`, 1 in the reference: it falls with the square of the distance from the exit pupil

@@ -60,6 +60,7 @@ codes! {
     // the calibration
     SliceMissing "slice_missing"
     SliceDoubled "slice_doubled"
+    RailStill "rail_still"
     SlicesOutOfOrder "slices_out_of_order"
     UnevenStep "uneven_step"
     RigBumped "rig_bumped"
@@ -74,6 +75,7 @@ codes! {
     ExposureOutlier "exposure_outlier"
     TintOutlier "tint_outlier"
     LampBanding "lamp_banding"
+    UnevenLight "uneven_light"
     SliceInterpolated "slice_interpolated"
     DotsInverted "dots_inverted"
     UncertainCorners "uncertain_corners"

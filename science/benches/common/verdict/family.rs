@@ -1,6 +1,6 @@
-//! The families of stacks: each fault alone at several strengths, stacks without a fault, and random mixtures.
+//! The families of stacks: each fault alone at several strengths, and stacks without a fault.
 
-use pinstack_science::synth::{Banding, DotTarget, Faults, Flaws, Kernel, Moved, Replacement, Rig, Surround};
+use pinstack_science::synth::{Alone, Banding, DotTarget, Faults, Flaws, Kernel, Moved, Replacement, Rig, Surround};
 
 /// A stack with its truth.
 pub struct Stack {
@@ -16,23 +16,25 @@ pub struct Stack {
     pub what: String,
 }
 
-type Change = fn(&mut Stack, f64);
+pub(super) type Change = fn(&mut Stack, f64);
 
 /// Name, strengths, codes that name it, whether Good is due, and the change itself.
-struct Family {
-    name: &'static str,
-    strengths: &'static [f64],
-    codes: &'static [&'static str],
-    clean: bool,
-    change: Change,
+pub(super) struct Family {
+    pub name: &'static str,
+    pub strengths: &'static [f64],
+    pub codes: &'static [&'static str],
+    pub clean: bool,
+    pub change: Change,
 }
 
 const MOVED: &[&str] = &["rig_bumped", "shift_ambiguous", "slice_displaced", "target_moved", "uneven_step"];
 const ORDER: &[&str] = &["slices_out_of_order"];
 const SLICE: &[&str] = &["slice_interpolated", "slice_displaced", "other_target", "many_outliers"];
+const ALONE: &[&str] = &["slice_displaced", "perspective", "target_moved"];
+const STRIPES: &[&str] = &["lamp_banding", "slice_interpolated"];
 const GAIN: &[&str] = &["uncertain_gains", "exposure_outlier", "tint_outlier"];
 
-const FAMILIES: [Family; 31] = [
+pub(super) const FAMILIES: [Family; 41] = [
     plain("typical", &[0.3, 0.4, 0.5], set_blur),
     plain("endless grid", &[0.3, 0.45], |s, blur| {
         endless(s);
@@ -45,10 +47,7 @@ const FAMILIES: [Family; 31] = [
         s.target.dot_diameter_mm *= 0.7;
     }),
     plain("bright dots", &[1.0], |s, _| s.target.invert = true),
-    plain("small target", &[0.6], |s, share| {
-        s.target.columns = (s.target.columns as f64 * share) as usize;
-        s.target.rows = (s.target.rows as f64 * share) as usize;
-    }),
+    plain("small target", &[0.6], small),
     plain("noise", &[4.0], |s, noise| s.rig.noise = noise),
     plain("print errors", &[0.005, 0.02], |s, share| faults(s).print_error = share),
     plain("dust", &[40.0], |s, count| s.target.flaws.target_dust = count as usize),
@@ -61,6 +60,44 @@ const FAMILIES: [Family; 31] = [
     plain("uneven light, blur 0.6", &[0.02], |s, change| {
         set_blur(s, 0.6);
         faults(s).illumination = [change, 0.5 * change];
+    }),
+    plain("lit from one side", &[0.02, 0.045, 0.07], |s, change| one_side(s, [change, 0.0])),
+    plain("lit from one side, blur 0.5, sRGB", &[0.03, 0.07], |s, change| {
+        set_blur(s, 0.5);
+        s.target.flaws.gamma = true;
+        one_side(s, [0.6 * change, 0.8 * change]);
+    }),
+    plain("target aslant", &[3.0, 8.0], aslant),
+    plain("target aslant, lamp in the middle", &[3.0, 6.0, 10.0], |s, degrees| {
+        aslant(s, degrees);
+        set_blur(s, 0.45);
+        faults(s).spot = 0.0025;
+    }),
+    fault("rail still", &[0.0, 1.0], &["rail_still"], |s, way| {
+        if way == 0.0 {
+            s.order.fill(4);
+        }
+        let middle = s.rig.rail_mm[s.rig.reference];
+        s.rig.rail_mm.iter_mut().for_each(|z| *z = middle + 1e-4 * (*z - middle));
+        s.rig = Rig { drift_px: [0.0; 2], rotation_deg: 0.0, keystone: [0.0; 2], ..s.rig.clone() };
+    }),
+    fault("one slice tilts", &[5e-4, 2e-3, 8e-3], ALONE, |s, keystone| alone(s, 6, [keystone, 0.4 * keystone])),
+    fault("one slice tilts, small target", &[5e-4, 2e-3, 8e-3], ALONE, |s, keystone| {
+        small(s, 0.6);
+        alone(s, 2, [keystone, -0.7 * keystone]);
+    }),
+    fault("one slice tilts, half a target", &[2e-3, 2e-2], ALONE, |s, keystone| {
+        let columns = s.target.columns;
+        s.target.missing = (0..columns * s.target.rows).filter(|dot| dot % columns > columns / 2).collect();
+        alone(s, 7, [keystone, 0.0]);
+    }),
+    fault("one slice turned or sheared", &[-0.003, 0.003], ALONE, |s, by| {
+        let turn_deg = if by < 0.0 { by.to_degrees() } else { 0.0 };
+        s.rig.alone = Some(Alone { slice: 3, turn_deg, shear: by.max(0.0), ..Alone::default() });
+    }),
+    fault("banding at the pitch", &[0.006, 0.01, 0.02, 0.03, 0.1, 0.3], STRIPES, |s, strength| {
+        s.target.rotation_deg = 0.0;
+        banding(s, 1.0, strength);
     }),
     fault("jump", &[0.3, 0.6, 1.0, 1.4, 3.4], MOVED, |s, pitches| jump(s, pitches, 5, usize::MAX)),
     fault("jump, endless grid", &[0.6, 1.0, 3.4], MOVED, |s, pitches| {
@@ -106,10 +143,7 @@ const FAMILIES: [Family; 31] = [
         faults(s).lateral = [scale, 0.0, -scale];
         faults(s).axial_px = [1.5, 0.0, -1.5];
     }),
-    fault("banding", &[0.5, 1.0, 2.0], &["lamp_banding"], |s, pitches| {
-        let period_px = pitches * s.target.pitch_px(&s.rig, s.rig.reference);
-        faults(s).banding = Some(Banding { period_px, strength: 0.05 });
-    }),
+    fault("banding", &[0.5, 1.0, 2.0], STRIPES, |s, pitches| banding(s, pitches, 0.05)),
     fault("one slice darker", &[0.9, 0.65, 0.3], GAIN, |s, light| set_exposure(s, 6, [light; 3])),
     fault("flash missed", &[0.05], GAIN, |s, light| set_exposure(s, 6, [light; 3])),
     fault("white balance", &[1.19], GAIN, |s, factor| {
@@ -135,7 +169,7 @@ const fn fault(
     Family { name, strengths, codes, clean: false, change }
 }
 
-fn faults(stack: &mut Stack) -> &mut Faults {
+pub(super) fn faults(stack: &mut Stack) -> &mut Faults {
     &mut stack.target.flaws.faults
 }
 
@@ -155,6 +189,31 @@ fn set_exposure(stack: &mut Stack, slice: usize, light: [f64; 3]) {
     stack.target.flaws.faults.exposures = (0..stack.rig.slices()).map(at).collect();
 }
 
+pub(super) fn small(stack: &mut Stack, share: f64) {
+    let fewer = |count: usize| (count as f64 * share) as usize;
+    [stack.target.columns, stack.target.rows] = [fewer(stack.target.columns), fewer(stack.target.rows)];
+}
+
+/// Light that grows by `change` per pitch, exposed so that its brightest part does not clip.
+pub(super) fn one_side(stack: &mut Stack, change: [f64; 2]) {
+    faults(stack).illumination = change;
+    let most = 10.0 * change[0].abs() + 7.0 * change[1].abs();
+    stack.target.flaws.overexposure = 1.0 / (1.0 + most);
+}
+
+fn aslant(stack: &mut Stack, degrees: f64) {
+    stack.target.tilt_deg = [0.5 * degrees, 0.8 * degrees];
+}
+
+pub(super) fn alone(stack: &mut Stack, slice: usize, keystone: [f64; 2]) {
+    stack.rig.alone = Some(Alone { slice, keystone, ..Alone::default() });
+}
+
+pub(super) fn banding(stack: &mut Stack, pitches: f64, strength: f64) {
+    let period_px = pitches * stack.target.pitch_px(&stack.rig, stack.rig.reference);
+    faults(stack).banding = Some(Banding { period_px, strength });
+}
+
 /// No edge in view.
 fn endless(stack: &mut Stack) {
     stack.target.flaws.surround = None;
@@ -163,7 +222,7 @@ fn endless(stack: &mut Stack) {
 }
 
 /// Sets the largest blur radius over the pitch by the aperture.
-fn set_blur(stack: &mut Stack, share: f64) {
+pub(super) fn set_blur(stack: &mut Stack, share: f64) {
     let of = |i| stack.target.blur_radius_px(&stack.rig, i) / stack.target.pitch_px(&stack.rig, i);
     let largest: f64 = f64::max(of(0), of(stack.rig.slices() - 1));
     stack.rig.f_number *= largest / share;
@@ -179,7 +238,7 @@ fn set_pitch(stack: &mut Stack, px: f64) {
 }
 
 /// 600 x 400 px, nine slices, a grid of 30 px that ends inside the image, blur to 0.35 of the pitch.
-fn typical(seed: u64) -> Stack {
+pub(super) fn typical(seed: u64) -> Stack {
     let rig = Rig { channels: 1, seed, noise: 1.5, ..Rig::sized(600, 400, 9) };
     let mut target = DotTarget::for_rig(&rig, 20);
     target.pitch_mm *= 30.0 / target.pitch_px(&rig, rig.reference);
@@ -191,75 +250,4 @@ fn typical(seed: u64) -> Stack {
     let mut stack = Stack { family: "", codes: &[], clean: true, rig, target, order, what: String::new() };
     set_blur(&mut stack, 0.35);
     stack
-}
-
-/// Which stacks of the bench are judged.
-#[derive(Debug)]
-pub struct Selection {
-    /// Stacks of each strength of each family.
-    pub seeds: u64,
-    /// Random mixtures.
-    pub mixtures: u64,
-    /// Added to the numbers of seeds and mixtures. Thresholds must also hold for stacks on which they were not chosen.
-    pub offset: u64,
-    /// Parts of names of families, or ends of names of stacks ("pitch 42 seed 3", "mixture 7"); empty: all stacks.
-    pub only: Vec<String>,
-}
-
-impl Selection {
-    fn wants(&self, stack: &Stack) -> bool {
-        let named = |name: &String| stack.family.contains(name.as_str()) || stack.what.ends_with(name.as_str());
-        self.only.is_empty() || self.only.iter().any(named)
-    }
-}
-
-/// The stacks of each family, then the mixtures.
-pub fn stacks(selection: &Selection) -> Vec<Stack> {
-    let mut out = Vec::new();
-    for family in &FAMILIES {
-        for &strength in family.strengths {
-            for seed in selection.offset + 1..=selection.offset + selection.seeds {
-                let mut stack = typical(seed);
-                (family.change)(&mut stack, strength);
-                let (codes, clean) = (family.codes, family.clean);
-                let what = format!("{} {strength} seed {seed}", family.name);
-                out.push(Stack { family: family.name, codes, clean, what, ..stack });
-            }
-        }
-    }
-    out.extend((selection.offset..selection.offset + selection.mixtures).map(mixture));
-    out.retain(|stack| selection.wants(stack));
-    out
-}
-
-/// One to three families at once, at random strengths.
-fn mixture(index: u64) -> Stack {
-    let mut draw = Draw(index ^ 0x5eed_ca5e);
-    let mut stack = typical(1000 + index);
-    let (mut clean, mut names) = (true, Vec::new());
-    for _ in 0..1 + draw.below(3) {
-        let family = &FAMILIES[draw.below(FAMILIES.len())];
-        if names.contains(&family.name) {
-            continue;
-        }
-        let strength = family.strengths[draw.below(family.strengths.len())];
-        (family.change)(&mut stack, strength);
-        clean &= family.clean;
-        names.push(family.name);
-    }
-    let what = format!("{} mixture {index}", names.join(" + "));
-    Stack { family: "mixture", codes: &[], clean, what, ..stack }
-}
-
-/// SplitMix64.
-struct Draw(u64);
-
-impl Draw {
-    fn below(&mut self, count: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) % count as u64) as usize
-    }
 }

@@ -12,7 +12,7 @@ use super::family::Stack;
 /// A corner farther off than this is wrong, px.
 const WRONG: f64 = 0.3;
 /// A corner farther off than three told sigmas and this is dishonest, px.
-const DISHONEST: f64 = 0.1;
+const DISHONEST: f64 = 0.05;
 /// Where all corners are as near as this, and all gains right, a clean stack deserves Good, px.
 const RIGHT: f64 = 0.15;
 /// A gain farther off than this must be named, as a share.

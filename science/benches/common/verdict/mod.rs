@@ -2,8 +2,9 @@
 
 mod family;
 mod judge;
+mod stacks;
 mod table;
 
-pub use family::{Selection, stacks};
 pub use judge::{Judgement, judge};
+pub use stacks::{Selection, stacks};
 pub use table::table;

@@ -11,7 +11,7 @@ use crate::calibration::lattice::{self, Label, MIN_DOTS, Places};
 use crate::calibration::phase::{self, PhaseMeasurement, Window};
 use crate::calibration::statistics::{median, median_of};
 use crate::calibration::{
-    banding, coarse_registration::SimilarityMotion, dlt, dot_photometry, identity::Fingerprint, robust,
+    banding::Contrast, coarse_registration::SimilarityMotion, dlt, dot_photometry, identity::Fingerprint, robust,
     working_image::WorkingImage,
 };
 use crate::imaging::Plane;
@@ -179,7 +179,9 @@ impl Measurement<'_> {
         let (dots, modulation) = self.dots(&measured, &inpainted, pitch);
         let merged = self.sign < 0.0 || inpainted.profile.merges(pitch);
         let fill = 2.0 * inpainted.profile.half_width() / pitch;
-        let stripes = banding::amplitude(&contrast, &inpainted.rendered, &inpainted.ground, pitch);
+        let InpaintedGrid { rendered, ground, profile, .. } = &inpainted;
+        let stripes =
+            Contrast { seen: &contrast, rendered, ground, places, pitch, steps: grid_steps(places), profile }.stripes();
         drop(inpainted);
         Some(Detection {
             dots,
@@ -195,7 +197,6 @@ impl Measurement<'_> {
             turned: None,
             tint: None,
             is_tentative: false,
-            common_sigma: 0.0,
             stripes,
             fingerprint: Fingerprint::measure(image, &contrast, places, pitch),
         })
@@ -233,10 +234,12 @@ impl Measurement<'_> {
                 Polarity::DarkOnLight => 1.0 - phase.mean,
                 Polarity::LightOnDark => light.mean / field.span,
             };
-            modulations.push(self.sign * amplitude(phase) / mean.max(0.02));
+            let modulation = self.sign * amplitude(phase) / mean.max(0.02);
+            modulations.push(modulation);
             let invalid = synthetic + full.map_or(0.0, |f| f.mean);
             let sigma = sigma.hypot(shared_sigma);
-            dots.insert(*label, MeasuredDot { at: image.to_slice(*at), sigma, shared_sigma, light, invalid });
+            let (at, doubt) = (image.to_slice(*at), [0.0; 2]);
+            dots.insert(*label, MeasuredDot { at, sigma, shared_sigma, modulation, doubt, light, invalid });
         }
         let lit = lit_labels(&dots);
         let windows: Vec<Window> =

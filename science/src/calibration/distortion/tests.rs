@@ -39,7 +39,15 @@ fn stack(half: [i32; 2], pitch: f64, seed: u64, seen: impl Fn(usize, [f64; 2]) -
                 let at = at.map(|v| v + 0.02 * noise.normal());
                 if (0.0..SIZE.0 as f64).contains(&at[0]) && (0.0..SIZE.1 as f64).contains(&at[1]) {
                     let light = DotBrightness { mean: 200.0, linear_mean: None, bright: None };
-                    let dot = MeasuredDot { at, sigma: 0.02, light, shared_sigma: 0.0, invalid: 0.0 };
+                    let dot = MeasuredDot {
+                        at,
+                        sigma: 0.02,
+                        light,
+                        shared_sigma: 0.0,
+                        modulation: 0.5,
+                        doubt: [0.0; 2],
+                        invalid: 0.0,
+                    };
                     dots.insert([column, row], dot);
                 }
             }
@@ -56,7 +64,6 @@ fn stack(half: [i32; 2], pitch: f64, seed: u64, seen: impl Fn(usize, [f64; 2]) -
             merged: false,
             density: 1.0,
             is_tentative: false,
-            common_sigma: 0.0,
             stripes: None,
             identity: None,
             turned: None,

@@ -41,7 +41,7 @@ fn predicted(facts: &Facts, cause: Loss) -> Option<Finding> {
         cause.phrase(),
         cause.advice()
     );
-    let allows = if cause == Loss::Other { Grade::Usable } else { Grade::Good };
+    let allows = if matches!(cause, Loss::Other | Loss::Striped) { Grade::Usable } else { Grade::Good };
     Some(Finding::limiting(allows, WarningCode::SliceInterpolated, detail))
 }
 

@@ -2,19 +2,22 @@
 
 use super::facts::Facts;
 use crate::calibration::gains::{self, MAX_SIGMA};
-use crate::calibration::grade::Finding;
+use crate::calibration::{grade::Finding, statistics::quantile};
 use crate::types::{WarningCode, report::Grade};
 
 /// Share of the pixels at full scale from which a slice is named.
 const CLIPPED: f64 = 0.05;
 /// Relative uncertainty of a gain beyond which a calibration is not good.
 const POOR_GAIN: f64 = 0.01;
+/// Light of the darkest part of the target over that of the brightest from which it is named.
+const UNEVEN: f64 = 0.4;
 /// Relative deviation of the brightness or tint of a slice from which it is named.
 const OUTLIER: f64 = 0.01;
 
 /// The findings about the light.
 pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
-    let all = [clipped_white(facts), exposure(facts), tints(facts), banding(facts), uncertain_gains(facts)];
+    let all =
+        [clipped_white(facts), exposure(facts), tints(facts), banding(facts), uneven(facts), uncertain_gains(facts)];
     all.into_iter().flatten().collect()
 }
 
@@ -71,6 +74,18 @@ fn tints(facts: &Facts) -> Option<Finding> {
         "the tint differs from that of the other slices in {slices}: set a fixed white balance, and calibrate again"
     );
     Some(Finding::limiting(Grade::Usable, WarningCode::TintOutlier, detail))
+}
+
+/// That one side of the target has much less light than the other.
+fn uneven(facts: &Facts) -> Option<Finding> {
+    let mut light: Vec<f64> = facts.base()?.dots.values().filter_map(|dot| dot.light.linear_mean).collect();
+    let share = quantile(&mut light, 0.02) / quantile(&mut light, 0.98);
+    let detail = format!(
+        "the target is lit unevenly: its darkest part has {:.0} % of the light of the brightest, which displaces blurred \
+         dots; light it from both sides",
+        100.0 * share
+    );
+    (share < UNEVEN).then(|| Finding::remark(WarningCode::UnevenLight, detail))
 }
 
 /// Slices with stripes of light.

@@ -3,7 +3,7 @@
 use super::facts::Facts;
 use crate::calibration::rail_anomalies::{Jump, RailAnomaly};
 use crate::calibration::{capture, grade::Finding, names::first_names};
-use crate::types::{WarningCode, report::Grade};
+use crate::types::{Homography, WarningCode, report::Grade};
 
 /// How far the image jumps, as a predicate.
 fn jumps(by: Jump) -> String {
@@ -13,6 +13,29 @@ fn jumps(by: Jump) -> String {
         (false, true) => format!("turns by {:.2} degrees", by.turn.abs()),
         _ => format!("jumps by {px:.1} px"),
     }
+}
+
+/// Largest distance of an image corner from that of the reference slice in a stack that does not move, px; three standard
+/// deviations where they are more.
+const STILL: f64 = 0.1;
+/// Least modulation, as a share of the strongest, in a stack whose blur does not change.
+const AS_SHARP: f64 = 0.97;
+
+/// That nothing changes from slice to slice. On a telecentric rig the image does not move, but its blur changes.
+fn still(facts: &Facts) -> Option<Finding> {
+    let [width, height] = facts.tracked.size();
+    let strongest = facts.tracked.strongest();
+    let is_still = |i: usize| {
+        let (slice, detection) = (&facts.profile[i], facts.detection(i));
+        let moved = slice.homography.corner_distance(&Homography::IDENTITY, width, height);
+        moved < STILL.max(3.0 * slice.corner_sigma_px.unwrap_or(0.0))
+            && !slice.interpolated
+            && detection.is_some_and(|d| d.modulation > AS_SHARP * strongest)
+    };
+    let detail = "all slices show the target in the same place and equally sharp: the rail did not move, or copies of one \
+                  file were sent; check the rail and the files, and take the stack again";
+    let finding = || Finding::limiting(Grade::Usable, WarningCode::RailStill, detail);
+    (0..facts.profile.len()).all(is_still).then(finding)
 }
 
 /// Findings about the rail and the rig.
@@ -51,6 +74,11 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
                 WarningCode::SliceDisplaced,
                 format!("{} lies beside the line of the other slices: its image {}; its own dots were used: check the rail for backlash, and take the stack again", name(*slice), jumps(*by)),
             ),
+            RailAnomaly::Different { slice } => Finding::limiting(
+                Grade::Usable,
+                WarningCode::SliceDisplaced,
+                format!("{} is tilted, turned or stretched against the other slices; its own dots were used: fasten the target and the camera, and take the stack again", name(*slice)),
+            ),
             RailAnomaly::OutOfOrder { order } => Finding::limiting(
                 Grade::Usable,
                 WarningCode::SlicesOutOfOrder,
@@ -58,6 +86,7 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
             ),
         })
         .collect();
+    out.extend(still(facts));
     if let (Some(given), Some(found)) = (facts.capture.told, facts.capture.found)
         && given != found
     {

@@ -18,7 +18,7 @@ pub(super) struct Setting<'a> {
     /// Conversion between units and pixels.
     pub(super) frame: Frame,
     /// Width and height of the slices, px.
-    size: [u32; 2],
+    pub(super) size: [u32; 2],
     /// Index of the reference slice.
     pub(super) reference: usize,
     /// The rail.
@@ -26,23 +26,25 @@ pub(super) struct Setting<'a> {
     /// Rail positions relative to the reference slice.
     pub(super) offsets: Vec<f64>,
     /// Uncertainty per slice that no number of dots reduces, px (see [`floors`]).
-    floors: Vec<f64>,
+    pub(super) floors: Vec<f64>,
+    /// Per slice: true when the model of the stack and the rail law do not apply to it, because its dots differ.
+    pub(super) alone: Vec<bool>,
 }
 
 impl<'a> Setting<'a> {
     /// For slices of `size` = width, height.
     pub(super) fn new(frame: Frame, size: [u32; 2], reference: usize, rail: &'a RailState, floors: Vec<f64>) -> Self {
         let offsets = rail.positions.iter().map(|z| z - rail.positions[reference]).collect();
-        Self { frame, size, reference, rail, offsets, floors }
+        Self { frame, size, reference, rail, offsets, floors, alone: vec![false; rail.positions.len()] }
     }
 
     /// Largest distance between the image corners under two homographies, px.
-    fn apart(&self, a: &Homography, b: &Homography) -> f64 {
+    pub(super) fn apart(&self, a: &Homography, b: &Homography) -> f64 {
         a.corner_distance(b, self.size[0], self.size[1])
     }
 
     /// Standard deviation of the worst image corner under an estimate of the parameters of `model`, px.
-    fn corner_sigma(&self, model: TransformModel, own: &OwnEstimate) -> f64 {
+    pub(super) fn corner_sigma(&self, model: TransformModel, own: &OwnEstimate) -> f64 {
         transform_models::corner_sigma(model, &own.free, &own.covariance, &self.frame, self.size[0], self.size[1])
     }
 }
@@ -80,7 +82,8 @@ pub(super) fn corner_errors(
     inliers: &[Inliers],
     s: &Setting,
 ) -> Vec<CornerError> {
-    let measured = (0..estimates.len()).filter(|&i| i != s.reference && !inliers[i].evidence.matches.is_empty());
+    let counts = |i: usize| i != s.reference && !s.alone[i] && !inliers[i].evidence.matches.is_empty();
+    let measured = (0..estimates.len()).filter(|&i| counts(i));
     measured
         .filter_map(|i| estimates[i].as_ref().zip(full.get(i)?.as_ref()))
         .map(|(own, full)| CornerError {
@@ -112,9 +115,10 @@ pub(super) fn floors(tracked: &Tracked, pitch: f64) -> Vec<f64> {
 
 fn per_slice_estimates(model: TransformModel, inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {
     let RailState { positions, jump, displaced, .. } = s.rail;
+    let displaced: Vec<bool> = displaced.iter().zip(&s.alone).map(|(a, b)| *a || *b).collect();
     let own = own_estimates(model, inliers, s.reference, &s.frame, s.size);
     let map = |free: &DVector<f64>| s.frame.homography(&model.parameters(free));
-    let in_line = in_line(&own, displaced);
+    let in_line = in_line(&own, &displaced);
     (0..own.len())
         .map(|index| {
             let own = own[index].as_ref();
@@ -141,7 +145,8 @@ fn per_slice_estimates(model: TransformModel, inliers: &[Inliers], s: &Setting) 
 }
 
 fn rail_linear_estimates(inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {
-    let matches: Vec<&[Match]> = inliers.iter().map(|a| &a.evidence.matches[..]).collect();
+    let matches: Vec<&[Match]> =
+        inliers.iter().zip(&s.alone).map(|(a, alone)| if *alone { &[][..] } else { &a.evidence.matches[..] }).collect();
     let overlap = inliers.iter().map(|a| a.evidence.overlap).fold(1.0, f64::max);
     let Some(fit) = RailFit::fit(&matches, &s.offsets) else { return inliers.iter().map(|_| None).collect() };
     let own = own_estimates(TransformModel::Homography, inliers, s.reference, &s.frame, s.size);

@@ -27,8 +27,8 @@ pub(in crate::calibration) struct Inliers {
     pub(in crate::calibration) evidence: Evidence,
     /// For every shared dot, whether it is an inlier.
     pub(super) is_inlier: BTreeMap<Label, bool>,
-    /// Standard deviation, per coordinate, of an error that all dots of the slice share, units.
-    common_sigma: f64,
+    /// Per inlier the displacement of one standard deviation that all have together, units.
+    doubts: Vec<[f64; 2]>,
 }
 
 /// Finds the inliers of a slice. `None` when there are too few.
@@ -67,13 +67,17 @@ pub(in crate::calibration) fn find_inliers(detection: &Detection, base: &Detecti
         (weights + weight, alike + weight * weight * shared_sigma * shared_sigma)
     });
     let alike = 1.0 + (NEIGHBOURS - 1.0) * alike / weights.max(1e-30);
-    let labels = kept.map(|(s, _)| s.0).collect();
+    let labels: Vec<Label> = kept.map(|(s, _)| s.0).collect();
+    let doubt = |label: &Label| {
+        let [here, there] = [detection, base].map(|of| of.dots.get(label).map_or([0.0; 2], |dot| dot.doubt));
+        [0, 1].map(|a| (here[a] - there[a]) / frame.half)
+    };
+    let doubts = labels.iter().map(doubt).collect();
     // where many dots were rejected, the rest is less accurate than its scatter suggests
     let chosen = (pairs.len() as f64 / count as f64).powi(4);
     let overlap = (WINDOW_OVERLAP * detection.density).max(1.0) * chosen * alike;
     let is_inlier = shared.iter().map(|s| s.0).zip(consensus.is_inlier.iter().copied()).collect();
-    let common_sigma = detection.common_sigma / frame.half;
-    Some(Inliers { evidence: Evidence { labels, matches, overlap }, is_inlier, common_sigma })
+    Some(Inliers { evidence: Evidence { labels, matches, overlap }, is_inlier, doubts })
 }
 
 /// Each slice's estimate from its own dots under one model; the reference slice is exactly the identity.
@@ -100,9 +104,8 @@ pub(super) fn own_estimates(
                 |c: &DMatrix<f64>| transform_models::corner_sigma(model, &fit.free, c, frame, width, height);
             let more = (at_corners(&fit.block_covariance) / at_corners(&covariance).max(1e-12)).max(1.0);
             let mut covariance = covariance * (more * more);
-            for n in model.shift() {
-                covariance[(n, n)] += inliers.common_sigma * inliers.common_sigma;
-            }
+            let doubt = transform_models::response(model, &inliers.evidence.matches, &fit.free, &inliers.doubts)?;
+            covariance += &doubt * doubt.transpose();
             Some(OwnEstimate { covariance, free: fit.free })
         })
         .collect()

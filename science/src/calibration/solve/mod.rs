@@ -5,9 +5,11 @@
 //! | inliers | `inliers` | per slice the dots that agree with one homography |
 //! | rail | `rail_state` | positions, irregular steps and jumps, by the similarity estimates of the slices |
 //! | model | `selection`, `estimates` | the transform model, and the estimate of each slice under it |
+//! | slices alone | `alone` | slices that contradict the model at the corners |
 //! | check | `missing` | an error that names the slices that can neither be measured nor predicted |
 //! | solution | `solution` | homography, gain and dots of each slice |
 
+mod alone;
 mod estimates;
 mod inliers;
 mod missing;
@@ -55,9 +57,11 @@ pub(super) fn solve(
         |inliers: &[Inliers]| own_estimates(TransformModel::Similarity, inliers, reference, &frame, tracked.size());
     let first = similar(&inliers);
     drop_mistaken_grids(&mut inliers, &first, &nominal_positions(given, first.len()), tracked, base);
-    let rail = RailState::of(&similar(&inliers), given, reference, frame.half);
-    let setting = Setting::new(frame, tracked.size(), reference, &rail, floors(tracked, base.pitch));
-    let (selection, estimates) = select(&inliers, &setting, requested);
+    let mut rail = RailState::of(&similar(&inliers), given, reference, frame.half);
+    let mut setting = Setting::new(frame, tracked.size(), reference, &rail, floors(tracked, base.pitch));
+    let (selection, estimates) = select(&inliers, &mut setting, requested);
+    let alone = std::mem::take(&mut setting.alone);
+    rail.differ(&alone);
     require_all(slices, tracked, &estimates, reference)?;
     let gains = gains::of(tracked, reference, &rail.positions);
     let solved = estimates.into_iter().zip(&inliers).zip(gains).enumerate();

@@ -60,6 +60,12 @@ impl RailState {
         let slopes = law.map(|law| std::array::from_fn(|n| law.slopes()[n]));
         Self { positions, positions_by_scale, scales, anomalies, jump, displaced, slopes }
     }
+
+    /// Adds the slices that differ `alone` from the model of the stack, unless it is known that they are displaced.
+    pub(super) fn differ(&mut self, alone: &[bool]) {
+        let found = (0..alone.len()).filter(|&i| alone[i] && !self.displaced[i]);
+        self.anomalies.extend(found.map(|slice| RailAnomaly::Different { slice }));
+    }
 }
 
 /// The estimates to which the rail law applies: those of displaced slices are left out.

@@ -1,5 +1,6 @@
 //! The transform model of the stack, and the estimates of all slices under it.
 
+use super::alone::{Deviation, OwnHomographies};
 use super::estimates::{Estimate, Setting, corner_errors, estimates};
 use super::inliers::Inliers;
 use crate::calibration::model_selection::{self, Evidence, Selection, StackModel};
@@ -7,18 +8,46 @@ use crate::calibration::transform_models::TransformModel;
 use crate::types::calibration_options::ModelChoice;
 
 /// Estimates all slices under every model and selects one. Returns it with its estimates; `None` where there is neither
-/// a measurement nor a rail law.
+/// a measurement nor a rail law. Slices that contradict the model at the corners take part neither in its selection nor
+/// in the rail law: they are marked in `setting`, and estimated by their own dots.
 pub(super) fn select(
     inliers: &[Inliers],
-    setting: &Setting,
+    setting: &mut Setting,
     requested: ModelChoice,
 ) -> (Selection, Vec<Option<Estimate>>) {
+    let own = OwnHomographies::of(inliers, setting);
+    let is_free = requested == ModelChoice::Auto;
+    let mut found = if is_free { own.bent(setting) } else { Vec::new() };
+    loop {
+        found.into_iter().for_each(|i| setting.alone[i] = true);
+        let (selection, mut estimates) = select_model(inliers, setting, requested);
+        let deviation = |(i, e): (usize, &Option<Estimate>)| own.deviation(i, &e.as_ref()?.homography, setting);
+        let deviations: Vec<Option<Deviation>> = estimates.iter().enumerate().map(deviation).collect();
+        let differs = |i: &usize| deviations[*i].is_some_and(Deviation::is_clear) && !setting.alone[*i];
+        found = (0..inliers.len()).filter(differs).collect();
+        if is_free && !found.is_empty() {
+            continue;
+        }
+        for (i, estimate) in estimates.iter_mut().enumerate() {
+            let Some((e, deviation)) = estimate.as_mut().zip(deviations[i]) else { continue };
+            match setting.alone[i].then(|| own.alone(i, e, setting)).flatten() {
+                Some(alone) => *e = alone,
+                None => e.sigma = e.sigma.hypot(deviation.unexplained()),
+            }
+        }
+        return (selection, estimates);
+    }
+}
+
+fn select_model(inliers: &[Inliers], setting: &Setting, requested: ModelChoice) -> (Selection, Vec<Option<Estimate>>) {
     let mut by_model = model_selection::ALL.map(|model| (model, estimates(model, inliers, setting)));
     let of = |model: StackModel| by_model.iter().find(|e| e.0 == model).map_or(&[][..], |e| &e.1);
     let corner_errors = |model: StackModel| {
         corner_errors(of(model), of(StackModel::PerSlice(TransformModel::Homography)), inliers, setting)
     };
-    let evidence: Vec<&Evidence> = inliers.iter().map(|a| &a.evidence).collect();
+    let none = Evidence::default();
+    let evidence: Vec<&Evidence> =
+        inliers.iter().zip(&setting.alone).map(|(a, alone)| if *alone { &none } else { &a.evidence }).collect();
     let mut selection =
         model_selection::select_model(&evidence, &setting.offsets, setting.frame.half, &corner_errors, requested);
     let hidden = model_selection::bias(&corner_errors(selection.model)).upper;

@@ -5,6 +5,7 @@ mod degenerate;
 mod gains;
 mod lost;
 mod rig;
+mod silent;
 
 use std::path::PathBuf;
 

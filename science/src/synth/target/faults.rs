@@ -31,6 +31,9 @@ pub struct Faults {
     /// Light on the plate: relative change per pitch to the right and down, from the middle of the grid. It acts before
     /// the blur, whereas vignetting acts after it.
     pub illumination: [f64; 2],
+    /// Light that the plate loses with the square of the distance from the middle of the grid, as a share per square of a
+    /// pitch: a lamp near the middle. It acts before the blur, too.
+    pub spot: f64,
     /// Shape of the blur.
     pub kernel: Kernel,
     /// Stored values follow an S-shaped curve, then sRGB.
@@ -141,6 +144,11 @@ impl Faults {
             [red, green, blue] if red == green && green == blue => red,
             exposure => exposure.iter().zip(LUMA).map(|(light, share)| light * f64::from(share)).sum(),
         }
+    }
+
+    /// Light on the plate at a place in grid units from the middle, relative to that in the middle.
+    pub(super) fn light_at(&self, [x, y]: [f64; 2]) -> f64 {
+        (1.0 + self.illumination[0] * x + self.illumination[1] * y - self.spot * (x * x + y * y)).max(0.02)
     }
 
     /// Factor of the light in row `y` of slice `i`.

@@ -213,8 +213,8 @@ impl<'a> Grid<'a> {
         let step = target.row_step();
         // rows that may be shifted to the right are found by looking further to the left
         let shift = if target.asymmetric { 0.25 } else { 0.0 };
-        let (illumination, at) = (faults.illumination, [column, line]);
-        let uneven = illumination != [0.0; 2];
+        let at = [column, line];
+        let uneven = faults.illumination != [0.0; 2] || faults.spot != 0.0;
         let (mut covered, mut shaded) = (0.0, 0.0);
         for c in near(column - shift, reach + shift, target.columns) {
             for r in near(line / step, reach / step, target.rows) {
@@ -231,10 +231,10 @@ impl<'a> Grid<'a> {
                     let area = share * overlap(radius, blur, distance) / (PI * blur * blur);
                     covered += area;
                     if uneven && area != 0.0 {
-                        // the light is linear in place: what counts is the middle of the shared area
+                        // the light is linear in place, nearly: what counts is the middle of the shared area
                         let towards = overlap_middle(radius, blur, distance) / distance.max(1e-12);
                         let middle = [0, 1].map(|axis| place[axis] + towards * (centre[axis] - at[axis]));
-                        shaded += area * (illumination[0] * middle[0] + illumination[1] * middle[1]);
+                        shaded += area * (faults.light_at(middle) - 1.0);
                     }
                 }
             }
@@ -242,8 +242,7 @@ impl<'a> Grid<'a> {
         if !uneven {
             return self.plate + (self.mark - self.plate) * covered;
         }
-        let around = 1.0 + illumination[0] * place[0] + illumination[1] * place[1];
-        (self.plate * around + (self.mark - self.plate) * (covered + shaded)).max(0.0)
+        (self.plate * faults.light_at(place) + (self.mark - self.plate) * (covered + shaded)).max(0.0)
     }
 }
 
