@@ -22,11 +22,10 @@ const SLOW: f64 = 4.0;
 const PARTS: usize = 3;
 /// Least samples of a line, and of one in corridors.
 const MIN_SAMPLES: [f64; 2] = [50.0, 15.0];
-/// Ratio of the stripes in one direction to those in the other from which they are lamp banding; the second in corridors,
-/// where there is only noise beside them.
-const CLEAR: [f64; 2] = [3.0, 2.0];
+/// Ratio of the stripes in one direction to those in the other from which they are lamp banding.
+const CLEAR: f64 = 3.0;
 /// Least amplitude, as a share of the light; the second in corridors.
-const LEAST: [f64; 2] = [0.006, 0.0015];
+const LEAST: [f64; 2] = [0.006, 0.003];
 /// Least width of a corridor, grid steps.
 const MIN_WIDTH: f64 = 0.12;
 /// Places that determine where the corridors run.
@@ -62,7 +61,7 @@ impl Contrast<'_> {
             self.lines(corridors.as_ref()).map(|lines| ripple(&lines, self.pitch, MIN_SAMPLES[white]));
         let (across, along) = (across?, along?);
         let amplitude = std::f64::consts::SQRT_2 * across.max(along);
-        (across.max(along) > CLEAR[white] * across.min(along) && amplitude > LEAST[white]).then_some(amplitude)
+        (across.max(along) > CLEAR * across.min(along) && amplitude > LEAST[white]).then_some(amplitude)
     }
 
     /// The lines along the rows and those along the columns, one list per part.

@@ -65,10 +65,13 @@ const FLOOR: f64 = 0.01;
 /// Error of a model at the image corners of one slice, with that of the full homography.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CornerError {
-    /// Standard deviation of the worst corner, px.
+    /// Standard deviation of the worst corner by the scatter of the dots, px.
     pub sigma: f64,
     /// The same for the full homography, px.
     pub full_sigma: f64,
+    /// Variance of the worst corner by what displaces all dots together, px^2. It does not tell models apart: both are
+    /// displaced.
+    pub doubt: f64,
     /// Largest distance between the corners of the two, px.
     pub apart: f64,
 }
@@ -151,7 +154,7 @@ fn least_risk(
 ) -> Option<Best> {
     let risk = |model: StackModel| {
         let corners = corners(model);
-        let variance = corners.iter().map(|c| c.sigma.powi(2)).sum::<f64>() / corners.len().max(1) as f64;
+        let variance = corners.iter().map(|c| c.sigma.powi(2) + c.doubt).sum::<f64>() / corners.len().max(1) as f64;
         (!corners.is_empty()).then(|| (variance + bias(&corners).expected, model))
     };
     let risks: Vec<(f64, StackModel)> = models.filter_map(risk).collect();

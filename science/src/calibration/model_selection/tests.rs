@@ -44,7 +44,7 @@ fn corners(evidence: &[Evidence], offsets: &[f64], model: StackModel) -> Vec<Cor
                     500.0 * rail_fit.corner_sigma(offsets[i]),
                 ),
             };
-            CornerError { sigma, full_sigma, apart: own.corner_distance(&full, 801, 601) }
+            CornerError { sigma, full_sigma, doubt: 0.0, apart: own.corner_distance(&full, 801, 601) }
         })
         .collect()
 }

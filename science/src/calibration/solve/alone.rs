@@ -7,9 +7,8 @@
 //! A few slices that no similarity fits would also make the model of all slices more complex than the others need. So
 //! those are looked for first.
 
-use super::estimates::{Estimate, Setting, estimates};
+use super::estimates::{Estimate, Setting, predicted_without};
 use super::inliers::{Inliers, own_estimates};
-use crate::calibration::model_selection::StackModel;
 use crate::calibration::rail::{EstimateSource, OwnEstimate};
 use crate::calibration::transform_models::TransformModel;
 use crate::types::Homography;
@@ -39,14 +38,19 @@ impl Deviation {
         self.apart > LEAST && self.apart > CLEAR * self.sigma
     }
 
+    /// The same when the other homography has a standard deviation, too.
+    fn with(self, sigma: f64) -> Self {
+        Self { sigma: self.sigma.hypot(sigma), ..self }
+    }
+
     /// The part of the distance that chance does not explain, px.
     pub(super) fn unexplained(self) -> f64 {
         (self.apart.powi(2) - (CHANCE * self.sigma).powi(2)).max(0.0).sqrt()
     }
 }
 
-/// The homography of each slice from its own dots alone, and the standard deviation of its worst corner, px; `None` where
-/// they do not determine it.
+/// The homography of each slice from its own dots alone, and the standard deviation of its worst corner, px; `None`
+/// where they do not determine it.
 pub(super) struct OwnHomographies<'a> {
     inliers: &'a [Inliers],
     all: Vec<Option<(Homography, f64)>>,
@@ -64,21 +68,25 @@ impl<'a> OwnHomographies<'a> {
         Some(Deviation { apart: s.apart(&own, other), sigma })
     }
 
+    /// True when so many of the slices are the exception.
+    pub(super) fn are_few(&self, slices: usize) -> bool {
+        FEW * slices <= self.all.iter().flatten().count()
+    }
+
     /// The few slices that no similarity fits and that do not follow the rail law of the others; none when they are not
-    /// few.
+    /// few. What the law says is uncertain, too: it may extrapolate, and the others scatter about it.
     pub(super) fn bent(&self, s: &Setting) -> Vec<usize> {
         let similar = by_dots(TransformModel::Similarity, self.inliers, 0, s);
-        let differs = |i: usize, from: Option<Homography>| {
-            from.and_then(|from| self.deviation(i, &from, s)).is_some_and(Deviation::is_clear)
+        let differs = |i: usize, (from, sigma): (Homography, f64)| {
+            self.deviation(i, &from, s).is_some_and(|deviation| deviation.with(sigma).is_clear())
         };
-        let mut bent: Vec<usize> = (0..self.all.len()).filter(|&i| differs(i, similar[i].map(|own| own.0))).collect();
-        if FEW * bent.len() > self.all.iter().flatten().count() {
-            bent.clear();
+        let is_bent = |i: &usize| similar[*i].is_some_and(|(own, _)| differs(*i, (own, 0.0)));
+        let mut bent: Vec<usize> = (0..self.all.len()).filter(is_bent).collect();
+        if bent.is_empty() || !self.are_few(bent.len()) {
+            return Vec::new();
         }
-        if !bent.is_empty() {
-            let by_law = estimates(StackModel::PerSlice(TransformModel::Homography), self.inliers, s);
-            bent.retain(|&i| differs(i, by_law[i].as_ref().and_then(|estimate| estimate.by_law)));
-        }
+        let law = predicted_without(&bent, self.inliers, s);
+        bent.retain(|&i| law[i].is_some_and(|law| differs(i, law)));
         bent
     }
 

@@ -75,8 +75,10 @@ impl Estimate {
     };
 }
 
-/// Errors at the image corners under a model and under the full homography, for the measured slices.
+/// Errors at the image corners under a model and under the full homography, for the measured slices. `told`: the
+/// estimates under the model with the doubts of the dots; the others are without.
 pub(super) fn corner_errors(
+    told: &[Option<Estimate>],
     estimates: &[Option<Estimate>],
     full: &[Option<Estimate>],
     inliers: &[Inliers],
@@ -85,10 +87,11 @@ pub(super) fn corner_errors(
     let counts = |i: usize| i != s.reference && !s.alone[i] && !inliers[i].evidence.matches.is_empty();
     let measured = (0..estimates.len()).filter(|&i| counts(i));
     measured
-        .filter_map(|i| estimates[i].as_ref().zip(full.get(i)?.as_ref()))
-        .map(|(own, full)| CornerError {
+        .filter_map(|i| Some((told.get(i)?.as_ref()?, estimates[i].as_ref()?, full.get(i)?.as_ref()?)))
+        .map(|(told, own, full)| CornerError {
             sigma: own.sigma,
             full_sigma: full.sigma,
+            doubt: (told.sigma.powi(2) - own.sigma.powi(2)).max(0.0),
             apart: s.apart(&own.homography, &full.homography),
         })
         .collect()
@@ -111,6 +114,21 @@ pub(super) fn floors(tracked: &Tracked, pitch: f64) -> Vec<f64> {
         (FLOOR.0 + FLOOR.1 * pitch) * blurred
     };
     tracked.detections.iter().map(floor).collect()
+}
+
+/// What the rail law of the slices other than `out` predicts for each slice: the homography, and the standard deviation
+/// of its worst corner, px; `None` without a law.
+pub(super) fn predicted_without(out: &[usize], inliers: &[Inliers], s: &Setting) -> Vec<Option<(Homography, f64)>> {
+    let RailState { positions, jump, displaced, .. } = s.rail;
+    let model = TransformModel::Homography;
+    let own = own_estimates(model, inliers, s.reference, &s.frame, s.size);
+    let displaced: Vec<bool> = displaced.iter().enumerate().map(|(i, off)| *off || out.contains(&i)).collect();
+    let in_line = in_line(&own, &displaced);
+    let predict = |i: usize| {
+        let expected = rail::predicted(&in_line, positions, *jump, i)?;
+        Some((s.frame.homography(&model.parameters(&expected.free))?, s.corner_sigma(model, &expected)))
+    };
+    (0..own.len()).map(predict).collect()
 }
 
 fn per_slice_estimates(model: TransformModel, inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {

@@ -31,6 +31,13 @@ pub(in crate::calibration) struct Inliers {
     doubts: Vec<[f64; 2]>,
 }
 
+impl Inliers {
+    /// The same as if light and blur displaced no dots.
+    pub(super) fn without_doubts(&self) -> Self {
+        Self { doubts: vec![[0.0; 2]; self.doubts.len()], ..self.clone() }
+    }
+}
+
 /// Finds the inliers of a slice. `None` when there are too few.
 pub(in crate::calibration) fn find_inliers(detection: &Detection, base: &Detection, frame: &Frame) -> Option<Inliers> {
     let shared: Vec<(Label, Pair, [f64; 2])> = detection

@@ -8,8 +8,8 @@ use crate::calibration::transform_models::TransformModel;
 use crate::types::calibration_options::ModelChoice;
 
 /// Estimates all slices under every model and selects one. Returns it with its estimates; `None` where there is neither
-/// a measurement nor a rail law. Slices that contradict the model at the corners take part neither in its selection nor
-/// in the rail law: they are marked in `setting`, and estimated by their own dots.
+/// a measurement nor a rail law. A few slices that contradict the model at the corners take part neither in its selection
+/// nor in the rail law: they are marked in `setting`, and estimated by their own dots.
 pub(super) fn select(
     inliers: &[Inliers],
     setting: &mut Setting,
@@ -25,7 +25,8 @@ pub(super) fn select(
         let deviations: Vec<Option<Deviation>> = estimates.iter().enumerate().map(deviation).collect();
         let differs = |i: &usize| deviations[*i].is_some_and(Deviation::is_clear) && !setting.alone[*i];
         found = (0..inliers.len()).filter(differs).collect();
-        if is_free && !found.is_empty() {
+        let marked = setting.alone.iter().filter(|alone| **alone).count();
+        if is_free && !found.is_empty() && own.are_few(marked + found.len()) {
             continue;
         }
         for (i, estimate) in estimates.iter_mut().enumerate() {
@@ -40,10 +41,13 @@ pub(super) fn select(
 }
 
 fn select_model(inliers: &[Inliers], setting: &Setting, requested: ModelChoice) -> (Selection, Vec<Option<Estimate>>) {
-    let mut by_model = model_selection::ALL.map(|model| (model, estimates(model, inliers, setting)));
-    let of = |model: StackModel| by_model.iter().find(|e| e.0 == model).map_or(&[][..], |e| &e.1);
+    // the scatter of the dots tells models apart; what displaces all dots together hides no difference between them
+    let plain: Vec<Inliers> = inliers.iter().map(Inliers::without_doubts).collect();
+    let under_all = |inliers: &[Inliers]| model_selection::ALL.map(|model| (model, estimates(model, inliers, setting)));
+    let (mut by_model, by_dots) = (under_all(inliers), under_all(&plain));
     let corner_errors = |model: StackModel| {
-        corner_errors(of(model), of(StackModel::PerSlice(TransformModel::Homography)), inliers, setting)
+        let full = under(&by_dots, StackModel::PerSlice(TransformModel::Homography));
+        corner_errors(under(&by_model, model), under(&by_dots, model), full, inliers, setting)
     };
     let none = Evidence::default();
     let evidence: Vec<&Evidence> =
@@ -61,6 +65,11 @@ fn select_model(inliers: &[Inliers], setting: &Setting, requested: ModelChoice) 
     let mut estimates = selected.map(|e| std::mem::take(&mut e.1)).unwrap_or_default();
     add_hidden_bias(&mut estimates, &setting.offsets, hidden);
     (selection, estimates)
+}
+
+/// The estimates of all slices under one model.
+fn under(by_model: &[(StackModel, Vec<Option<Estimate>>)], model: StackModel) -> &[Option<Estimate>] {
+    by_model.iter().find(|e| e.0 == model).map_or(&[][..], |e| &e.1)
 }
 
 /// Adds the bias that the scatter of the slices could hide, mean `hidden` px^2. It grows with the distance on the rail,
