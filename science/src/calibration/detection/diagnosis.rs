@@ -76,7 +76,8 @@ fn is_too_fine(plane: &Plane<f32>) -> bool {
                 *sum += bends.iter().zip(&bends[lag.min(bends.len())..]).map(|(a, b)| a * b).sum::<f64>();
             }
         }
-        (2..=FINE).any(|lag| sums[lag] > PATTERN * sums[0])
+        // a blurred edge is alike over a few px, too, but less with each
+        (2..=FINE).any(|lag| sums[lag] > PATTERN * sums[0] && sums[lag] > sums[lag - 1])
     };
     let at = |x: usize, y: usize| f64::from(plane.at(x, y));
     repeats(&|y, x| at(x, y), plane.height, plane.width) || repeats(&|x, y| at(x, y), plane.width, plane.height)

@@ -74,7 +74,7 @@ impl<'a> OwnHomographies<'a> {
     }
 
     /// The few slices that no similarity fits and that do not follow the rail law of the others; none when they are not
-    /// few. What the law says is uncertain, too: it may extrapolate, and the others scatter about it.
+    /// few. The others scatter about their law, too, each about that of the rest.
     pub(super) fn bent(&self, s: &Setting) -> Vec<usize> {
         let similar = by_dots(TransformModel::Similarity, self.inliers, 0, s);
         let differs = |i: usize, (from, sigma): (Homography, f64)| {
@@ -86,7 +86,10 @@ impl<'a> OwnHomographies<'a> {
             return Vec::new();
         }
         let law = predicted_without(&bent, self.inliers, s);
-        bent.retain(|&i| law[i].is_some_and(|law| differs(i, law)));
+        let apart = |i: usize| Some(self.deviation(i, law[i].as_ref()?, s)?.apart);
+        let others: Vec<f64> = (0..law.len()).filter(|i| !bent.contains(i)).filter_map(apart).collect();
+        let scatter = (others.iter().map(|d| d * d).sum::<f64>() / others.len().max(1) as f64).sqrt();
+        bent.retain(|&i| law[i].is_some_and(|law| differs(i, (law, scatter))));
         bent
     }
 

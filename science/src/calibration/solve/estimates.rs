@@ -116,9 +116,8 @@ pub(super) fn floors(tracked: &Tracked, pitch: f64) -> Vec<f64> {
     tracked.detections.iter().map(floor).collect()
 }
 
-/// What the rail law of the slices other than `out` predicts for each slice: the homography, and the standard deviation
-/// of its worst corner, px; `None` without a law.
-pub(super) fn predicted_without(out: &[usize], inliers: &[Inliers], s: &Setting) -> Vec<Option<(Homography, f64)>> {
+/// The homography of each slice by the rail law of the others but those of `out`; `None` without a law.
+pub(super) fn predicted_without(out: &[usize], inliers: &[Inliers], s: &Setting) -> Vec<Option<Homography>> {
     let RailState { positions, jump, displaced, .. } = s.rail;
     let model = TransformModel::Homography;
     let own = own_estimates(model, inliers, s.reference, &s.frame, s.size);
@@ -126,7 +125,7 @@ pub(super) fn predicted_without(out: &[usize], inliers: &[Inliers], s: &Setting)
     let in_line = in_line(&own, &displaced);
     let predict = |i: usize| {
         let expected = rail::predicted(&in_line, positions, *jump, i)?;
-        Some((s.frame.homography(&model.parameters(&expected.free))?, s.corner_sigma(model, &expected)))
+        s.frame.homography(&model.parameters(&expected.free))
     };
     (0..own.len()).map(predict).collect()
 }
