@@ -10,6 +10,8 @@
 //!
 //! Rows and columns are compared in each ninth of the image: where one end of a tilted target is blurred more, the dots
 //! differ from the rendered ones in rows and columns alike. Stripes are everywhere.
+//!
+//! A lamp that flickers does so in every slice. So stripes that are too weak to be told in one slice are told in all.
 
 use super::lattice::Places;
 use super::{dlt, radial_profile::RadialProfile, statistics::median};
@@ -26,6 +28,10 @@ const MIN_SAMPLES: [f64; 2] = [50.0, 15.0];
 const CLEAR: f64 = 3.0;
 /// Least amplitude, as a share of the light; the second in corridors.
 const LEAST: [f64; 2] = [0.006, 0.003];
+/// The same ratio in the median of the slices with corridors, and the least number of these.
+const CLEAR_IN_ALL: (f64, usize) = (2.0, 3);
+/// Least amplitude in that median.
+const LEAST_IN_ALL: f64 = 0.0015;
 /// Least width of a corridor, grid steps.
 const MIN_WIDTH: f64 = 0.12;
 /// Places that determine where the corridors run.
@@ -52,16 +58,50 @@ pub(super) struct Contrast<'a> {
 /// Sum and number of samples of each line.
 type Lines = Vec<[f64; 2]>;
 
-impl Contrast<'_> {
-    /// Amplitude of the stripes, as a share of the light; `None` when there are none.
+/// Median of the changes of the light from row to row, and from column to column, as shares of the light: of stripes
+/// `sqrt(1/2)` of the amplitude.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ripple {
+    rows: f64,
+    columns: f64,
+    in_corridors: bool,
+}
+
+impl Ripple {
+    /// Amplitude of the stripes, as a share of the light; `None` when there are none that this slice alone shows.
     pub(super) fn stripes(&self) -> Option<f64> {
+        let (most, least) = (self.rows.max(self.columns), self.rows.min(self.columns));
+        let amplitude = std::f64::consts::SQRT_2 * most;
+        (most > CLEAR * least && amplitude > LEAST[usize::from(self.in_corridors)]).then_some(amplitude)
+    }
+
+    /// Amplitude of stripes across the rows, without what rows and columns have in common; negative across the columns.
+    fn excess(&self) -> f64 {
+        let squares = 2.0 * (self.rows.powi(2) - self.columns.powi(2));
+        squares.abs().sqrt().copysign(squares)
+    }
+}
+
+/// Amplitude of the stripes in each slice of a stack, as a share of the light.
+pub(super) fn stripes(slices: &[Option<Ripple>]) -> Vec<Option<f64>> {
+    let in_corridors = || slices.iter().flatten().filter(|ripple| ripple.in_corridors);
+    let mut ratios: Vec<f64> = in_corridors().map(|ripple| (ripple.rows / ripple.columns).ln()).collect();
+    let mut excesses: Vec<f64> = in_corridors().map(Ripple::excess).collect();
+    let (clear, fewest) = CLEAR_IN_ALL;
+    let in_all = (ratios.len() >= fewest && median(&mut ratios).abs() > clear.ln())
+        .then(|| median(&mut excesses).abs())
+        .filter(|amplitude| *amplitude > LEAST_IN_ALL);
+    slices.iter().map(|ripple| ripple.and_then(|ripple| ripple.stripes().or(in_all))).collect()
+}
+
+impl Contrast<'_> {
+    /// `None` when too little of the target is seen.
+    pub(super) fn ripple(&self) -> Option<Ripple> {
         let corridors = Corridors::of(self);
-        let white = usize::from(corridors.is_some());
-        let [across, along] =
-            self.lines(corridors.as_ref()).map(|lines| ripple(&lines, self.pitch, MIN_SAMPLES[white]));
-        let (across, along) = (across?, along?);
-        let amplitude = std::f64::consts::SQRT_2 * across.max(along);
-        (across.max(along) > CLEAR * across.min(along) && amplitude > LEAST[white]).then_some(amplitude)
+        let in_corridors = corridors.is_some();
+        let least = MIN_SAMPLES[usize::from(in_corridors)];
+        let [rows, columns] = self.lines(corridors.as_ref()).map(|lines| ripple(&lines, self.pitch, least));
+        Some(Ripple { rows: rows?, columns: columns?, in_corridors })
     }
 
     /// The lines along the rows and those along the columns, one list per part.
@@ -119,18 +159,19 @@ impl Corridors {
     }
 }
 
-/// RMS of the means of the lines, without slow changes, in the median part of the image.
+/// Median of the changes of the means of the lines, without slow ones, in the median part of the image. Dirt changes few
+/// lines.
 fn ripple(parts: &[Lines], pitch: f64, min_samples: f64) -> Option<f64> {
     let reach = (0.5 * SLOW * pitch).round() as usize;
-    let mut squares = Vec::new();
+    let mut medians = Vec::new();
     for lines in parts {
         let means: Vec<f64> = lines.iter().filter(|l| l[1] >= min_samples).map(|l| l[0] / l[1]).collect();
-        let off = |window: &[f64]| window[reach] - window.iter().sum::<f64>() / window.len() as f64;
-        let off: Vec<f64> = means.windows(2 * reach + 1).map(|window| off(window).powi(2)).collect();
+        let off = |window: &[f64]| (window[reach] - window.iter().sum::<f64>() / window.len() as f64).abs();
+        let mut off: Vec<f64> = means.windows(2 * reach + 1).map(off).collect();
         let part = off.len().div_ceil(PARTS).max(1);
-        squares.extend(off.chunks(part).map(|part| part.iter().sum::<f64>() / part.len() as f64));
+        medians.extend(off.chunks_mut(part).map(median));
     }
-    (!squares.is_empty()).then(|| median(&mut squares).sqrt())
+    (!medians.is_empty()).then(|| median(&mut medians))
 }
 
 #[cfg(test)]

@@ -7,8 +7,8 @@ use super::code::{Identity, RecognisedCode};
 use super::identity::{Fingerprint, MAX_BYTES, MAX_CELLS};
 use super::lattice::{Label, Places};
 use super::{
-    coarse_registration::SimilarityMotion, detection::MAX_DOTS, dot_photometry::DotBrightness, flat_field::Polarity,
-    statistics::median_point,
+    banding::Ripple, coarse_registration::SimilarityMotion, detection::MAX_DOTS, dot_photometry::DotBrightness,
+    flat_field::Polarity, statistics::median_point,
 };
 
 /// Most memory that is kept of a slice after its detection, bytes: the fingerprint, the measured dots and the places of
@@ -69,8 +69,8 @@ pub(super) struct Detection {
     /// True when the slice was found where the motion of the other slices does not lead. It counts only if the
     /// fingerprint confirms it.
     pub is_tentative: bool,
-    /// Amplitude of stripes across the image, as a share of the light; `None` without stripes.
-    pub stripes: Option<f64>,
+    /// Stripes of light; `None` when too little of the target is seen.
+    pub ripple: Option<Ripple>,
     /// What makes the cells of the grid differ; `None` when the grid is degenerate.
     pub fingerprint: Option<Fingerprint>,
 }

@@ -36,7 +36,7 @@ impl Loss {
         let strongest = tracked.strongest();
         let share = |d: &Option<Detection>| d.as_ref().map(|d| d.modulation.abs() / strongest);
         let shares: Vec<Option<f64>> = tracked.detections.iter().map(share).collect();
-        if tracked.detections[index].as_ref().is_some_and(|d| d.stripes.is_some()) {
+        if tracked.detections[index].as_ref().and_then(|d| d.ripple?.stripes()).is_some() {
             return Self::Striped;
         }
         if let Some(share) = shares[index] {

@@ -180,8 +180,8 @@ impl Measurement<'_> {
         let merged = self.sign < 0.0 || inpainted.profile.merges(pitch);
         let fill = 2.0 * inpainted.profile.half_width() / pitch;
         let InpaintedGrid { rendered, ground, profile, .. } = &inpainted;
-        let stripes =
-            Contrast { seen: &contrast, rendered, ground, places, pitch, steps: grid_steps(places), profile }.stripes();
+        let ripple =
+            Contrast { seen: &contrast, rendered, ground, places, pitch, steps: grid_steps(places), profile }.ripple();
         drop(inpainted);
         Some(Detection {
             dots,
@@ -197,7 +197,7 @@ impl Measurement<'_> {
             turned: None,
             tint: None,
             is_tentative: false,
-            stripes,
+            ripple,
             fingerprint: Fingerprint::measure(image, &contrast, places, pitch),
         })
     }

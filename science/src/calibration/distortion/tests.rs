@@ -64,7 +64,7 @@ fn stack(half: [i32; 2], pitch: f64, seed: u64, seen: impl Fn(usize, [f64; 2]) -
             merged: false,
             density: 1.0,
             is_tentative: false,
-            stripes: None,
+            ripple: None,
             identity: None,
             turned: None,
             tint: None,

@@ -2,7 +2,7 @@
 
 use super::facts::Facts;
 use crate::calibration::gains::{self, MAX_SIGMA};
-use crate::calibration::{grade::Finding, statistics::quantile};
+use crate::calibration::{banding, grade::Finding, statistics::quantile};
 use crate::types::{WarningCode, report::Grade};
 
 /// Share of the pixels at full scale from which a slice is named.
@@ -16,8 +16,14 @@ const OUTLIER: f64 = 0.01;
 
 /// The findings about the light.
 pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
-    let all =
-        [clipped_white(facts), exposure(facts), tints(facts), banding(facts), uneven(facts), uncertain_gains(facts)];
+    let all = [
+        clipped_white(facts),
+        exposure(facts),
+        tints(facts),
+        lamp_banding(facts),
+        uneven(facts),
+        uncertain_gains(facts),
+    ];
     all.into_iter().flatten().collect()
 }
 
@@ -89,9 +95,10 @@ fn uneven(facts: &Facts) -> Option<Finding> {
 }
 
 /// Slices with stripes of light.
-fn banding(facts: &Facts) -> Option<Finding> {
-    let stripes = |i: usize| facts.detection(i).and_then(|d| d.stripes);
-    let slices = facts.listed_where(stripes, |name, share| format!("{name} ({:.1} %)", 100.0 * share))?;
+fn lamp_banding(facts: &Facts) -> Option<Finding> {
+    let ripples: Vec<_> = facts.tracked.detections.iter().map(|d| d.as_ref().and_then(|d| d.ripple)).collect();
+    let stripes = banding::stripes(&ripples);
+    let slices = facts.listed_where(|i| stripes[i], |name, share| format!("{name} ({:.1} %)", 100.0 * share))?;
     let detail = format!(
         "stripes of light cross {slices}: the lamp flickers while the shutter runs, which displaces the dots and makes \
          stacks uneven; use a lamp on direct current, a longer exposure, or the mechanical shutter"

@@ -123,7 +123,8 @@ fn uneven_blur_of_a_tilted_target_is_no_lamp_banding() {
 
 #[test]
 fn stripes_at_the_pitch_of_the_dots_are_reported() {
-    for (period_px, strength, blur) in [(30.0, 0.03, 0.05), (29.0, 0.02, 0.05), (30.0, 0.01, 0.3), (15.0, 0.03, 0.2)] {
+    let cases = [(30.0, 0.03, 0.05), (29.0, 0.02, 0.05), (30.0, 0.01, 0.3), (15.0, 0.03, 0.2), (30.0, 0.003, 0.1)];
+    for (period_px, strength, blur) in cases {
         let (plain, mut target) = setup(5);
         target.rotation_deg = 0.0;
         target.flaws.faults.banding = Some(Banding { period_px, strength });
