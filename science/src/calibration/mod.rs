@@ -145,7 +145,7 @@ pub fn calibrate(
     if let Some(distortion) = &lens.distortion {
         tracked = distortion::straightened(tracked, distortion);
     }
-    let solved = solve::solve(slices, &tracked, reference, given.as_deref(), options.model, control)?;
+    let solved = solve::solve(slices, &tracked, reference, given.as_deref(), options, control)?;
     Ok(report::report(slices, options, &tracked, solved, given.is_some(), &lens))
 }
 

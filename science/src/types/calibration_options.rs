@@ -111,3 +111,11 @@ pub struct CalibrationOptions {
     /// Free text, stored in the profile.
     pub note: Option<String>,
 }
+
+impl CalibrationOptions {
+    /// Image size over target size, by the dot pitch in the image; `None` unless both pitches are specified.
+    pub fn magnification(&self, pitch_px: f64) -> Option<f64> {
+        let target = self.target_pitch_mm.filter(|pitch| *pitch > 0.0)?;
+        Some(pitch_px * self.pixel_pitch_mm? / target)
+    }
+}

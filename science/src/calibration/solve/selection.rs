@@ -19,8 +19,13 @@ pub(super) fn select(
         corner_errors(of(model), of(StackModel::PerSlice(TransformModel::Homography)), inliers, setting)
     };
     let evidence: Vec<&Evidence> = inliers.iter().map(|a| &a.evidence).collect();
-    let mut selection =
-        model_selection::select_model(&evidence, &setting.offsets, setting.frame.half, &corner_errors, requested);
+    let mut selection = model_selection::select_model(
+        &evidence,
+        &setting.rail.coordinates,
+        setting.frame.half,
+        &corner_errors,
+        requested,
+    );
     let hidden = model_selection::bias(&corner_errors(selection.model)).upper;
     for candidate in &mut selection.candidates {
         let Some((_, estimates)) = by_model.iter().find(|(m, _)| m.name() == candidate.model) else { continue };
@@ -30,7 +35,7 @@ pub(super) fn select(
     }
     let selected = by_model.iter_mut().find(|e| e.0 == selection.model);
     let mut estimates = selected.map(|e| std::mem::take(&mut e.1)).unwrap_or_default();
-    add_hidden_bias(&mut estimates, &setting.offsets, hidden);
+    add_hidden_bias(&mut estimates, &setting.rail.coordinates, hidden);
     (selection, estimates)
 }
 

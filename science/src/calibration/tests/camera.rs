@@ -6,12 +6,17 @@ use crate::types::{NoControl, profile::CaptureMode, pupils::PrincipalDistanceSou
 
 /// A rig of 9 slices at a magnification of 1.6, whose image grows by about 5 %.
 fn rig(pupil_ratio: f64, mode: CaptureMode) -> Rig {
+    breathing(pupil_ratio, mode, 0.025)
+}
+
+/// The same, whose image grows by `share` either way.
+fn breathing(pupil_ratio: f64, mode: CaptureMode, share: f64) -> Rig {
     let base = Rig { channels: 1, pupil_ratio, magnification: 1.6, noise: 0.5, ..Rig::sized(480, 360, 9) }.ideal();
     let lens = base.lens();
     let reach = match mode {
-        CaptureMode::FixedLens => 0.025 * lens.exit_pupil_distance(),
-        CaptureMode::MovingLens => 0.025 * lens.entrance_pupil_distance(),
-        CaptureMode::LensAlone => 0.025 / (1.0 / lens.exit_pupil_distance() + 1.0 / lens.entrance_pupil_distance()),
+        CaptureMode::FixedLens => share * lens.exit_pupil_distance(),
+        CaptureMode::MovingLens => share * lens.entrance_pupil_distance(),
+        CaptureMode::LensAlone => share / (1.0 / lens.exit_pupil_distance() + 1.0 / lens.entrance_pupil_distance()),
     };
     // the renderer counts the sensor away from the lens, and the others towards the object
     let sign = if mode == CaptureMode::FixedLens { -1.0 } else { 1.0 };
@@ -107,4 +112,25 @@ fn a_wrong_focal_length_is_named_and_the_verdict_says_so() {
     assert!(finding.starts_with("focal_mm is 120,"), "{finding}");
     assert!(calibration.verdict.ends_with("; see focal_length_disagrees"), "{}", calibration.verdict);
     assert!(is_near(calibration.report.camera.principal_distance_mm, rig.lens().principal_distance()));
+}
+
+#[test]
+fn slices_that_show_no_dots_are_predicted_whatever_moves() {
+    for mode in [CaptureMode::FixedLens, CaptureMode::MovingLens, CaptureMode::LensAlone] {
+        let (rig, target) = with_target(breathing(1.0, mode, 0.08));
+        let mut slices = target_stack(&rig, &target);
+        for lost in [0, 6] {
+            slices[lost] = crate::imaging::Raster::eight(rig.width, rig.height, 1, vec![150; rig.width * rig.height]);
+        }
+        for options in [CalibrationOptions::default(), options(&rig, &target)] {
+            let calibration = calibrate(&&slices[..], &options, &NoControl).expect("a calibration");
+            for lost in [0, 6] {
+                let slice = &calibration.slices[lost];
+                let error = slice.homography.corner_distance(&rig.homography(lost), 480, 360);
+                assert!(slice.interpolated && error < 0.1, "{mode:?}, slice {lost}: {error} px");
+                let sigma = slice.corner_sigma_px.expect("known");
+                assert!(sigma < 0.15 && error < 4.0 * sigma, "{mode:?}, slice {lost}: {sigma} px");
+            }
+        }
+    }
 }
