@@ -96,6 +96,29 @@ fn a_rail_of_the_sensor_measures_it_with_a_moved_target_and_says_unknown_without
 }
 
 #[test]
+fn one_picture_of_the_moved_target_measures_what_a_second_calibration_does() {
+    let (rig, target) = with_target(rig(1.8, CaptureMode::FixedLens));
+    let near = DotTarget { depth: Some(-1.0), ..target.clone() };
+    let advance = rig.object_distance(rig.focus_fraction(rig.reference)) - rig.object_distance(-1.0);
+    let (slices, moved) = (target_stack(&rig, &target), target_stack(&rig, &near));
+    let alone = CalibrationOptions { target_advance_mm: Some(advance), ..options(&rig, &target) };
+    let pitch = calibrate(&&moved[..], &options(&rig, &target), &NoControl).expect("a calibration").dot_pitch_px;
+    let by_id = CalibrationOptions { moved_target_pitch_px: Some(pitch), ..alone.clone() };
+    let by_id = calibrate(&&slices[..], &by_id, &NoControl).expect("a calibration").report.camera;
+    assert!(is_near(by_id.principal_distance_mm, rig.lens().principal_distance()), "{by_id:?}");
+    let one = rig.reference..=rig.reference;
+    for moved in [&moved[..], &moved[one]] {
+        let calibration = calibrate_with_moved(&&slices[..], Some(&moved), &alone, &NoControl).expect("a calibration");
+        assert_eq!(calibration.report.camera, by_id);
+    }
+
+    let dark = moved[0].clone();
+    let dark = crate::imaging::Raster::eight(dark.width, dark.height, 1, vec![9; dark.width * dark.height]);
+    let refused = calibrate_with_moved(&&slices[..], Some(&&[dark][..]), &alone, &NoControl);
+    assert!(matches!(refused, Err(Interrupted::Failed(error)) if error.kind == ErrorKind::TargetNotFound));
+}
+
+#[test]
 fn a_lens_that_moves_alone_is_recognised_and_leaves_the_distance_unknown() {
     let (rig, target) = with_target(rig(0.6, CaptureMode::LensAlone));
     let calibration = measured(&rig, &target, &options(&rig, &target));
