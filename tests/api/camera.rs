@@ -71,6 +71,10 @@ async fn a_moved_target_is_a_folder_of_the_zip_with_one_picture_or_as_many_as_sl
         let refused = problem(send(moved, query).await.unwrap(), status, code).await;
         assert!(refused["detail"].as_str().unwrap().contains(says), "{refused}");
     }
+    let page = app.get("/send").header("accept", "text/html").send().await.unwrap().text().await.unwrap();
+    assert!(
+        page.contains("The target, moved towards the lens by a known distance") && page.contains("target_advance_mm")
+    );
     app.with_profile(3).await;
     let files: Vec<_> = ["1", "2", "3", "moved/1"].map(|name| (format!("{name}.png"), png(WIDTH, HEIGHT, 3, 1))).into();
     let stack = app.post("/v1/stacks?rig=rig&lens=lens").body(zip(&files)).send().await.unwrap();

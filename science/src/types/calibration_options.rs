@@ -85,8 +85,8 @@ pub struct CalibrationOptions {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pupil_ratio: Option<f64>,
     /// A calibration of this rig at the same setting, by its id, with the target nearer to the lens by
-    /// `target_advance_mm`, instead of pictures in the folder `moved` of the zip. With either, the principal distance is
-    /// measured whatever moves.
+    /// `target_advance_mm`, instead of pictures in the folder `moved` of the zip. With either, the principal distance
+    /// is measured whatever moves.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub moved_target: Option<String>,
     /// How much nearer to the lens the target was in the folder `moved` of the zip, or in `moved_target`, mm; negative
