@@ -95,8 +95,8 @@ pub fn check_calibration(options: &CalibrationOptions) -> Result<(), Fault> {
         found.push(violation("rail_positions_mm", rule));
     }
     let is_moved = options.moved_target.is_some() || options.moved_target_pitch_px.is_some();
-    if is_moved != options.target_advance_mm.is_some() {
-        let rule = "and moved_target belong together: give the calibration with the moved target, and by how much it was nearer";
+    if is_moved && options.target_advance_mm.is_none() {
+        let rule = "is missing: give by how many mm the target was nearer to the lens in moved_target";
         found.push(violation("target_advance_mm", rule));
     }
     Fault::refuse(found)

@@ -55,7 +55,8 @@ pub fn run(
 
     let control = Phase::new(sink, &MEASURING, READ, MEASURED);
     let slices = ThumbnailingSlices::new(archive.front(), &context.scratch);
-    let measured = calibration::calibrate(&slices, &request.options, &control)?;
+    let moved: Option<&dyn Slices> = (archive.moved().count() > 0).then_some(archive.moved() as _);
+    let measured = calibration::calibrate_with_moved(&slices, moved, &request.options, &control)?;
     let input = profile_input(&measured, request, archive.layout().orientation);
     input.check()?;
 
@@ -160,13 +161,14 @@ mod tests {
     use super::*;
     use crate::{
         contract::{Code, request::JobRequest},
-        jobs::testkit::{Recorder, TestJob, front_zip, members, picture, rig, target_zip, zip},
+        jobs::testkit::{Recorder, TestJob, front_zip, members, picture, png, rig, target_zip, zip},
     };
     use pinstack_science::{
         synth::{DotTarget, Rig, target_stack},
         types::{
             Homography,
             calibration_options::CalibrationOptions,
+            pupils::PrincipalDistanceSource,
             report::{CalibrationReport, Grade},
         },
     };
@@ -206,6 +208,29 @@ mod tests {
         );
         let reports = recorder.reports.into_inner().unwrap();
         assert_eq!(reports.last().map(|progress| progress.fraction), Some(1.0));
+    }
+
+    #[test]
+    fn one_picture_of_the_moved_target_in_the_zip_makes_the_camera_known() {
+        let rig = Rig { pupil_ratio: 1.6, noise: 0.5, ..rig() }.ideal();
+        let target = DotTarget::for_rig(&rig, 12);
+        let near = DotTarget { depth: Some(-0.5), ..target.clone() };
+        let advance = rig.object_distance(0.5) - rig.object_distance(-0.5);
+        let asked = CalibrationOptions {
+            target_pitch_mm: Some(target.pitch_mm),
+            pixel_pitch_mm: Some(rig.pixel_pitch_mm),
+            rail_positions_mm: Some(rig.rail_mm.iter().map(|z| -z).collect()),
+            target_advance_mm: Some(advance),
+            ..CalibrationOptions::default()
+        };
+        let mut files = members("front", &target_stack(&rig, &target));
+        files.push(("moved/near.png".into(), png(&target_stack(&rig, &near)[rig.reference])));
+        let job = TestJob::calibration(&zip(files), asked);
+        let output = run_with(&job, &Recorder::default()).expect("the calibration");
+        let input = output.profile.expect("a profile").input;
+        assert_eq!(input.principal_distance_source, Some(PrincipalDistanceSource::MovedTarget));
+        let (found, truth) = (input.principal_distance_mm.expect("known"), rig.lens().principal_distance());
+        assert!((found / truth - 1.0).abs() < 0.01, "{found} for {truth}");
     }
 
     #[test]

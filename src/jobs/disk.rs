@@ -91,6 +91,7 @@ mod tests {
             layout: StackLayout {
                 front: vec![String::new(); 10],
                 back: vec![],
+                moved: vec![],
                 width,
                 height,
                 bit_depth,

@@ -76,7 +76,7 @@ fn calibration(request: &CalibrationRequest, threads: usize) -> u64 {
     let samples = pixels(layout).min(MAX_SAMPLES as u64);
     // six planes of floats, four of bytes, and one of both while dots are told from what is not
     let planes = samples * in_flight * (6 * 4 + 4 + 8);
-    let kept = (SLICE_BYTES as u64).saturating_mul(layout.front.len() as u64);
+    let kept = (SLICE_BYTES as u64).saturating_mul((layout.front.len() + layout.moved.len()) as u64);
     let decoding = pixels(layout).saturating_mul(in_flight * decoded);
     decoding.saturating_add(planes).saturating_add(kept).saturating_add(files(layout, slices))
 }
@@ -114,6 +114,7 @@ mod tests {
         StackLayout {
             front: vec![String::new(); slices],
             back: vec![],
+            moved: vec![],
             width,
             height: 4000,
             bit_depth,

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::app::{TestApp, id, problem, stack_zip};
+use crate::app::{HEIGHT, TestApp, WIDTH, id, png, problem, stack_zip, zip};
 
 const POST: &str = "/v1/profiles/rig/lens/calibrations";
 
@@ -35,12 +35,51 @@ async fn a_calibration_takes_the_dot_pitch_of_the_one_with_the_target_moved() {
 
     let other = problem(send(5, with_it).await.unwrap(), 400, "invalid_request").await;
     assert!(other["detail"].as_str().unwrap().contains("the same number of slices"), "{other}");
-    for query in ["target_advance_mm=5".to_owned(), format!("moved_target={near}")] {
-        let alone = problem(send(2, query).await.unwrap(), 400, "invalid_request").await;
-        assert!(alone.to_string().contains("belong together"), "{alone}");
-    }
+    let alone = problem(send(2, format!("moved_target={near}")).await.unwrap(), 400, "invalid_request").await;
+    assert!(alone.to_string().contains("target_advance_mm is missing"), "{alone}");
     let unknown = send(2, "target_advance_mm=5&moved_target=near".into()).await.unwrap();
     problem(unknown, 400, "invalid_request").await;
+}
+
+#[tokio::test]
+async fn a_moved_target_is_a_folder_of_the_zip_with_one_picture_or_as_many_as_slices() {
+    let app = TestApp::start().await;
+    let send = |moved: usize, query: &'static str| {
+        let folder = |name: &'static str, count: usize| {
+            (0..count).map(move |i| (format!("{name}/{i}.png"), png(WIDTH, HEIGHT, 3, i)))
+        };
+        let zip = zip(&folder("front", 3).chain(folder("moved", moved)).collect::<Vec<_>>());
+        app.post(&format!("{POST}?{query}")).body(zip).send()
+    };
+    for moved in [1, 3] {
+        let sent: Value = send(moved, "target_advance_mm=5").await.unwrap().json().await.unwrap();
+        assert_eq!(sent["state"], "queued", "{sent}");
+    }
+    let other = "target_advance_mm=5&moved_target_pitch_px=30";
+    for (moved, query, status, code, says) in [
+        (1, "", 400, "invalid_request", "target_advance_mm is missing, but the zip has a folder of the moved target"),
+        (
+            0,
+            "target_advance_mm=5",
+            400,
+            "invalid_request",
+            "add one picture with the rail where it was for the reference slice (index 1)",
+        ),
+        (1, other, 400, "invalid_request", "omit one of them"),
+        (2, "target_advance_mm=5", 422, "slice_count_mismatch", "has 2 pictures, and the calibration 3 slices"),
+    ] {
+        let refused = problem(send(moved, query).await.unwrap(), status, code).await;
+        assert!(refused["detail"].as_str().unwrap().contains(says), "{refused}");
+    }
+    let page = app.get("/send").header("accept", "text/html").send().await.unwrap().text().await.unwrap();
+    assert!(
+        page.contains("The target, moved towards the lens by a known distance") && page.contains("target_advance_mm")
+    );
+    app.with_profile(3).await;
+    let files: Vec<_> = ["1", "2", "3", "moved/1"].map(|name| (format!("{name}.png"), png(WIDTH, HEIGHT, 3, 1))).into();
+    let stack = app.post("/v1/stacks?rig=rig&lens=lens").body(zip(&files)).send().await.unwrap();
+    let refused = problem(stack, 422, "invalid_archive").await;
+    assert!(refused["detail"].as_str().unwrap().contains("moved target of a calibration"), "{refused}");
 }
 
 #[tokio::test]

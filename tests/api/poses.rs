@@ -1,6 +1,6 @@
 //! Reports on camera poses.
 
-use pinstack_science::types::view::ViewAngles;
+use pinstack_science::types::{intrinsics::Intrinsics, view::ViewAngles};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 
@@ -45,6 +45,54 @@ async fn poses_are_reported_in_every_format() {
         let text = answer.text().await.unwrap();
         assert!(text.contains(part) && text.contains("do not check the focal length"), "{format}: {text}");
     }
+}
+
+#[tokio::test]
+async fn the_focal_length_is_compared_with_the_principal_distance_of_the_scan() {
+    let app = TestApp::start().await;
+    app.with_scan("bee").await;
+    for pan in ["0", "20", "40"] {
+        app.with_stack(&format!("&scan=bee&pan_deg={pan}&tilt_deg=0&label=v{pan}")).await;
+        let job = app.claim().await;
+        app.finish_stack(&job, |outcome| {
+            outcome.image.intrinsics = Some(Intrinsics {
+                principal_distance_px: 6500.0,
+                principal_distance_mm: 130.0,
+                principal_distance_sigma_mm: Some(0.2),
+                pixel_pitch_mm: 0.02,
+                principal_point_px: None,
+                distortion: None,
+            });
+        })
+        .await;
+    }
+    let centres: String = [0, 20, 40]
+        .map(|pan| {
+            let [x, y, z] = ViewAngles { pan_deg: f64::from(pan), tilt_deg: 0.0 }.direction();
+            format!("v{pan},{x},{y},{z}\n")
+        })
+        .concat();
+    let ask = |query: &'static str| {
+        app.post(&format!("/v1/scans/bee/poses{query}")).body(format!("name,x,y,z\n{centres}")).send()
+    };
+    let report: Value = ask("").await.unwrap().json().await.unwrap();
+    assert!(report["not_checked"].as_str().unwrap().contains("of the camera, 6500.0 px"), "{report}");
+    let right: Value = ask("?focal_px=6520&focal_sigma_px=40").await.unwrap().json().await.unwrap();
+    assert_eq!(
+        (&right["not_checked"], right["focal_length"]["reconstruction_px"].as_f64()),
+        (&Value::Null, Some(6520.0))
+    );
+    assert!(!right["findings"].to_string().contains("focal_length_disagrees"), "{right}");
+    for (query, says) in
+        [("?focal_px=0", "focal_px must be greater than 0"), ("?focal_sigma_px=4", "focal_sigma_px needs focal_px")]
+    {
+        let refused = problem(ask(query).await.unwrap(), 400, "invalid_request").await;
+        assert!(refused["detail"].as_str().unwrap().contains(says), "{refused}");
+    }
+    let report: Value = ask("?focal_px=7800").await.unwrap().json().await.unwrap();
+    let compared = &report["focal_length"];
+    assert_eq!((&compared["camera_px"], &compared["camera_sigma_px"]), (&json!(6500.0), &json!(10.0)), "{report}");
+    assert!(report["findings"].to_string().contains("focal_length_disagrees"), "{report}");
 }
 
 #[tokio::test]

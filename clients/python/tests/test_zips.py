@@ -19,7 +19,7 @@ import pytest
 from conftest import PROJECT
 
 from pinstack import BytesSource, Member, PinstackError, StoredZip, _zips
-from pinstack._zips import SKIPPED_FOLDERS, member_name, source
+from pinstack._zips import SKIPPED_FOLDERS, member_name, source, with_moved
 
 FILES: Dict[str, bytes] = {
     "front/1.jpg": b"one" * 1000,
@@ -188,6 +188,18 @@ def test_lists_and_mappings_become_lights(folder: Path) -> None:
     listed = source(front)
     assert isinstance(listed, StoredZip) and [m.name for m in listed.members] == ["front/1.jpg", "front/2.jpg"]
     assert isinstance(source(b"PK"), BytesSource)
+
+
+def test_a_moved_target_is_a_folder_beside_the_slices(folder: Path, tmp_path: Path) -> None:
+    slices, one = [folder / "front/1.jpg", folder / "front/2.jpg"], folder / "back/1.jpg"
+    for moved in (one, [str(one)], folder / "back"):
+        names = [member.name for member in with_moved(slices, moved).members]
+        assert names[:2] == ["front/1.jpg", "front/2.jpg"] and names[2] == "moved/1.jpg"
+    sent = [member.name for member in with_moved(folder / "front", one).members]
+    assert sent == ["1.jpg", "10.JPG", "2.jpg", "moved/1.jpg"]
+    (tmp_path / "target.zip").write_bytes(b"PK")
+    with pytest.raises(PinstackError, match="the folder 'moved' into the zip"):
+        with_moved(tmp_path / "target.zip", one)
 
 
 def test_what_cannot_be_sent_is_refused_with_the_reason(folder: Path, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ use super::{
     manifest, member_names,
     members::{Member, Picture, SortedSlices},
     messages::{invalid, listed, one_or_more, slices_of},
-    slice_order,
+    moved_target, slice_order,
 };
 use crate::{
     imaging::codec,
@@ -32,6 +32,7 @@ pub(super) fn sort(
     }
     refuse_twins(&pictures)?;
     refuse_too_much(&pictures, limits)?;
+    let (pictures, moved) = moved_target::split(pictures)?;
     let (pictures, wrapper) = unwrapped(pictures);
 
     let manifest = manifest::find(container, &others, &wrapper, limits, warnings)?;
@@ -39,13 +40,13 @@ pub(super) fn sort(
     warn_of_others(others.iter().filter(|other| Some(other.index) != used), warnings);
 
     let sorted = match manifest {
-        Some((_, manifest)) => manifest.apply(pictures)?,
+        Some((_, manifest)) => SortedSlices { moved, ..manifest.apply(pictures)? },
         None => {
             let (mut front, mut back) = by_folder(pictures)?;
             // the times of capture may correct this order, and the warnings come with them
             slice_order::sort(&mut front, |member| &member.name, &mut Vec::new());
             slice_order::sort(&mut back, |member| &member.name, &mut Vec::new());
-            SortedSlices { front, back, is_listed: false }
+            SortedSlices { front, back, moved, is_listed: false }
         }
     };
     refuse_extremes(&sorted)?;

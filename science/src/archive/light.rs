@@ -58,7 +58,7 @@ impl Light {
 }
 
 /// A name in lower case, without separators and accents.
-fn plain(name: &str) -> String {
+pub(super) fn plain(name: &str) -> String {
     name.chars()
         .flat_map(char::to_lowercase)
         // macOS stores accents as combining characters

@@ -82,7 +82,7 @@ impl Manifest {
             let detail = format!("{FILE} omits {}; list every picture of the zip", listed(unnamed));
             return Err(invalid(first, detail));
         }
-        Ok(SortedSlices { front, back, is_listed: true })
+        Ok(SortedSlices { front, back, moved: Vec::new(), is_listed: true })
     }
 }
 

@@ -7,7 +7,7 @@
 //! # Accepted archives
 //! | aspect | accepted |
 //! |---|---|
-//! | folders | front light in `front` or in the root, back light in `back` (other spellings: [`Light`]); enclosing folders |
+//! | folders | front light in `front` or in the root, back light in `back` (other spellings: [`Light`]); enclosing folders; in a calibration the moved target in `moved` |
 //! | order | that of the names, the times of capture and the pictures ([`slice_order`]), or that of `manifest.json` |
 //! | compression | stored, deflate, deflate64 |
 //! | format | zip, zip64, zips over 4 GB of the macOS Finder, data descriptors, backslashes in names, names in UTF-8 or code page 437 |
@@ -32,6 +32,7 @@ mod manifest;
 mod member_names;
 mod members;
 mod messages;
+mod moved_target;
 mod natural_order;
 mod not_a_zip;
 mod notation;
@@ -70,6 +71,7 @@ pub struct StackArchive {
     overruled: Option<Vec<usize>>,
     front: ArchivedSlices,
     back: ArchivedSlices,
+    moved: ArchivedSlices,
 }
 
 impl StackArchive {
@@ -79,7 +81,7 @@ impl StackArchive {
         let (front, back) = (self.front.reversed(), self.back.reversed());
         let last = self.layout.front.len().saturating_sub(1);
         let overruled = self.overruled.map(|places| places.into_iter().map(|place| last - place).collect());
-        Self { layout: self.layout.reversed(), overruled, warnings: self.warnings, front, back }
+        Self { layout: self.layout.reversed(), overruled, front, back, ..self }
     }
 
     /// The front-light slices in another order, where the names and the times of capture disagree: that of the times,
@@ -107,6 +109,11 @@ impl StackArchive {
     /// The back-light slices: none, or as many as there are front-light slices.
     pub fn back(&self) -> &ArchivedSlices {
         &self.back
+    }
+
+    /// The slices of the moved target, any number.
+    pub fn moved(&self) -> &ArchivedSlices {
+        &self.moved
     }
 
     /// The bytes of the file of front-light slice `index`, for its metadata.
@@ -196,17 +203,22 @@ fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<St
     let sorted = layout::sort(&container, limits, &mut warnings)?;
     let is_listed = sorted.is_listed;
     let front = ArchivedSlices::new(container.clone(), sorted.front, *limits);
-    let back = ArchivedSlices::new(container, sorted.back, *limits);
-    let common = headers::check(&front, &back, most, &mut warnings)?;
+    let back = ArchivedSlices::new(container.clone(), sorted.back, *limits);
+    let none = ArchivedSlices::new(container.clone(), Vec::new(), *limits);
+    let moved = ArchivedSlices::new(container, sorted.moved, *limits);
+    let mut common = headers::check(&front, &back, most, &mut warnings)?;
+    let moved = moved_target::checked(moved, &none, &mut common, most, &mut warnings)?;
     let settled = [(&front, &common.taken[0]), (&back, &common.taken[1])]
         .map(|(slices, taken)| slice_order::settle(&slices.names(), taken, is_listed));
     let (front, back) = (front.reordered(&settled[0].order), back.reordered(&settled[1].order));
     let overruled = settled[0].overruled.clone();
     warnings.extend(settled.into_iter().flat_map(|settled| settled.warnings));
-    let largest = slice_counts::refuse_large([&front, &back], u64::from(common.width) * u64::from(common.height))?;
+    let largest =
+        slice_counts::refuse_large([&front, &back, &moved], u64::from(common.width) * u64::from(common.height))?;
     let layout = StackLayout {
         front: front.names(),
         back: back.names(),
+        moved: moved.names(),
         width: common.width,
         height: common.height,
         bit_depth: common.bit_depth,
@@ -221,6 +233,7 @@ fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<St
         overruled,
         front: front.sized(common.width, common.height),
         back: back.sized(common.width, common.height),
+        moved,
     })
 }
 

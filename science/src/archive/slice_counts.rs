@@ -15,9 +15,9 @@ const BYTES_PER_PIXEL: u64 = 16;
 
 /// Refuses files that are larger than any picture of `pixels` pixels needs, because a job holds files in memory.
 /// Returns the size of the largest file, bytes.
-pub(super) fn refuse_large(lights: [&ArchivedSlices; 2], pixels: u64) -> Result<u64, Error> {
+pub(super) fn refuse_large(all: [&ArchivedSlices; 3], pixels: u64) -> Result<u64, Error> {
     let most = BESIDE_PIXELS.saturating_add(pixels.saturating_mul(BYTES_PER_PIXEL));
-    let largest = lights.into_iter().filter_map(ArchivedSlices::largest).max_by_key(|(_, size)| *size);
+    let largest = all.into_iter().filter_map(ArchivedSlices::largest).max_by_key(|(_, size)| *size);
     let Some((name, size)) = largest else { return Ok(0) };
     if size > most {
         let detail = format!(

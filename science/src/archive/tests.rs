@@ -5,6 +5,7 @@ mod damage;
 mod disk;
 mod headers;
 mod layout;
+mod moved_target;
 mod order;
 mod sentences;
 mod without_zip64;

@@ -108,10 +108,14 @@ fn distance(
 /// Where the number comes from, or what would make it known or better, in one sentence.
 fn detail(source: PrincipalDistanceSource, options: &CalibrationOptions, known: Known, measured: &Measured) -> String {
     use PrincipalDistanceSource as Source;
-    const MOVE: &str = "calibrate again with the target moved by a known distance (moved_target and target_advance_mm)";
+    const MOVE: &str = "add a picture of the target moved by a known distance (folder moved/ and target_advance_mm)";
     match source {
         Source::CameraRail => "measured with the rail, which moves camera and lens".into(),
-        Source::MovedTarget => "measured with the moved target".into(),
+        Source::MovedTarget => format!(
+            "measured with the moved target, whose dots are {:.3} px apart instead of {:.3} px",
+            options.moved_target_pitch_px.unwrap_or_default(),
+            known.pitch_px[0]
+        ),
         Source::PupilRatio => format!("from pupil_ratio as specified, which nothing checks; to measure it, {MOVE}"),
         Source::FocalLength if known.sizes.is_empty() && options.pupil_ratio.is_none() => format!(
             "rough: from focal_mm as specified, with a pupil ratio of 1 that is only assumed; to measure it, give \

@@ -20,7 +20,7 @@
 //! | banding | `banding` | finds stripes of a flickering lamp |
 //! | uneven light | `falloff` | what light that falls off before the blur does to blurred slices |
 //! | lost slices | `lost` | says why a slice was not measured |
-//! | report | `report`, `findings`, `grade`, `capture`, `size_law`, `camera` | capture mode, camera, findings, grade |
+//! | report | `report`, `findings`, `grade`, `capture`, `size_law`, `camera`, `moved_target` | capture mode, camera, findings, grade |
 //!
 //! The stages hand on `detected` (the dots of a slice), `tracked` (all slices) and `result`.
 //!
@@ -54,6 +54,7 @@ mod lattice;
 mod line_fit;
 mod lost;
 mod model_selection;
+mod moved_target;
 mod names;
 mod overlay;
 mod phase;
@@ -125,6 +126,21 @@ pub fn calibrate(
     options: &CalibrationOptions,
     control: &dyn Control,
 ) -> Result<Calibration, Interrupted> {
+    calibrate_with_moved(slices, None, options, control)
+}
+
+/// As [`calibrate`], with slices of the same target after it was moved by `options.target_advance_mm`: one, taken with
+/// the rail where it was for the reference slice, or as many as `slices`. They give
+/// [`CalibrationOptions::moved_target_pitch_px`].
+///
+/// # Errors
+/// As [`calibrate`], and [`ErrorKind::TargetNotFound`] when the moved target is not seen at the reference.
+pub fn calibrate_with_moved(
+    slices: &dyn Slices,
+    moved: Option<&dyn Slices>,
+    options: &CalibrationOptions,
+    control: &dyn Control,
+) -> Result<Calibration, Interrupted> {
     let count = slices.count();
     if count < 2 {
         let detail = format!("a calibration needs at least 2 slices of the dot target, but the archive has {count}");
@@ -145,8 +161,13 @@ pub fn calibrate(
     if let Some(distortion) = &lens.distortion {
         tracked = distortion::straightened(tracked, distortion);
     }
-    let solved = solve::solve(slices, &tracked, reference, given.as_deref(), options.model, control)?;
-    Ok(report::report(slices, options, &tracked, solved, given.is_some(), &lens))
+    let mut options = options.clone();
+    if let Some(moved) = moved {
+        let pitch = moved_target::dot_pitch(moved, reference, lens.distortion.as_ref(), control)?;
+        options.moved_target_pitch_px = Some(pitch);
+    }
+    let solved = solve::solve(slices, &tracked, reference, given.as_deref(), &options, control)?;
+    Ok(report::report(slices, &options, &tracked, solved, given.is_some(), &lens))
 }
 
 /// The rail positions that the user specified, mm.

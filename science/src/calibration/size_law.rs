@@ -84,6 +84,17 @@ impl SizeLaw {
         (law.growth.is_finite() && law.growth != 0.0 && bend.is_finite()).then_some(law)
     }
 
+    /// The coordinate over which the size is linear, `u = z / (1 - z / D)`: `s = a (1 + g u)`. The shift of an image by
+    /// a rail that is not parallel to the optical axis is linear in it too.
+    pub(super) fn straight(&self, position: f64) -> f64 {
+        position / (1.0 - self.bend * self.growth * position)
+    }
+
+    /// The position at which [`SizeLaw::straight`] is `coordinate`.
+    pub(super) fn position(&self, coordinate: f64) -> f64 {
+        coordinate / (1.0 + self.bend * self.growth * coordinate)
+    }
+
     /// Relative standard deviation of the growth, and so of a distance that follows from it.
     pub(super) fn relative_sigma(&self) -> f64 {
         (self.growth_sigma / self.growth).abs()
@@ -121,6 +132,14 @@ mod tests {
                         assert!(law.relative_sigma() < 1e-3, "{lens:?} {mode:?}");
                     }
                     let free = SizeLaw::fit(&samples, None).expect("a law");
+                    let law = SizeLaw::fit(&samples, Some(mode)).expect("a law");
+                    for z in [-4.0 * step, step, 4.0 * step] {
+                        assert!(
+                            (1.0 + law.growth * law.straight(z) - lens.size(mode, z)).abs() < 1e-4,
+                            "{lens:?} {mode:?}"
+                        );
+                        assert!((law.position(law.straight(z)) - z).abs() < 1e-12);
+                    }
                     let bend = match mode {
                         CaptureMode::FixedLens => 0.0,
                         CaptureMode::MovingLens => 1.0,

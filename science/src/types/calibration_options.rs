@@ -85,13 +85,17 @@ pub struct CalibrationOptions {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pupil_ratio: Option<f64>,
     /// A calibration of this rig at the same setting, by its id, with the target nearer to the lens by
-    /// `target_advance_mm`. With it, the principal distance is measured whatever moves.
+    /// `target_advance_mm`, instead of pictures in the folder `moved` of the zip. With either, the principal distance
+    /// is measured whatever moves.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub moved_target: Option<String>,
-    /// How much nearer to the lens the target was in `moved_target`, mm; negative if it was farther.
+    /// How much nearer to the lens the target was in the folder `moved` of the zip, or in `moved_target`, mm; negative
+    /// if it was farther. The folder has one picture, taken with the rail where it was for the reference slice, or as
+    /// many as there are slices.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target_advance_mm: Option<f64>,
-    /// Dot pitch in the reference slice of `moved_target`, px. The service fills it in.
+    /// Dot pitch in the reference slice of `moved_target`, px. The service fills it in. For a folder `moved` the report
+    /// has it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub moved_target_pitch_px: Option<f64>,
     /// What moves between slices. A contradiction with the slices is reported as a warning.
@@ -110,4 +114,12 @@ pub struct CalibrationOptions {
     pub keep: Keep,
     /// Free text, stored in the profile.
     pub note: Option<String>,
+}
+
+impl CalibrationOptions {
+    /// Image size over target size, by the dot pitch in the image; `None` unless both pitches are specified.
+    pub fn magnification(&self, pitch_px: f64) -> Option<f64> {
+        let target = self.target_pitch_mm.filter(|pitch| *pitch > 0.0)?;
+        Some(pitch_px * self.pixel_pitch_mm? / target)
+    }
 }

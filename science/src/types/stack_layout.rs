@@ -10,6 +10,9 @@ pub struct StackLayout {
     pub front: Vec<String>,
     /// Names of the back-light slices, in order; empty without a back light.
     pub back: Vec<String>,
+    /// Names of the slices of the moved target of a calibration, in order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub moved: Vec<String>,
     /// Width of every slice, px.
     pub width: u32,
     /// Height of every slice, px.

@@ -32,6 +32,10 @@ pub struct CalibrationForm {
 ///
 /// The body is a zip with one image of the dot target per rail position, as the whole body or as the part `stack` of a
 /// form. When the calibration succeeds, its homographies and gains become the next revision of the profile.
+///
+/// A folder `moved` of the zip has one image of the same target after it was moved by `target_advance_mm`, with the
+/// rail where it was for the reference slice, or one per rail position. It measures the principal distance whatever
+/// moves.
 #[utoipa::path(
     post,
     path = "/v1/profiles/{rig}/{lens}/calibrations",

@@ -39,8 +39,8 @@ pub fn page(report: &PoseReport) -> String {
         let value = escape(&value.replace("+-", "±"));
         out.push_str(&format!("<dt>{}</dt><dd>{value}</dd>\n", escape(&sentence(&name))));
     }
-    let not_checked = escape(&sentence(&report.not_checked));
-    out.push_str(&format!("</dl>\n<p>{not_checked}</p>\n<div class=\"charts\">\n"));
+    let not_checked = report.not_checked.as_deref().map(|text| format!("<p>{}</p>\n", escape(&sentence(text))));
+    out.push_str(&format!("</dl>\n{}<div class=\"charts\">\n", not_checked.unwrap_or_default()));
     out.push_str(&sphere(report));
     out.push_str(&radial(report));
     out.push_str("</div>\n<h2>Views</h2>\n");

@@ -2,7 +2,7 @@
 //! continues after a broken connection; the server side is the resumable upload of the API.
 
 use axum::{extract::State, response::Response};
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 
 use super::frame::{Frame, PageUser, Place};
 use crate::{
@@ -107,12 +107,25 @@ fn camera(keys: &[(Name, Name)]) -> Markup {
             }
             p.hint data-for="calibration" hidden {
                 "All may stay empty. With pitches and rail step (towards the object) a rail that moves the camera measures \
-                 the principal distance. If it moves the sensor, calibrate with the target nearer to the lens first, and \
-                 give the id of that calibration and by how much it was nearer; or give the pupil ratio."
+                 the principal distance. If it moves the sensor or the lens alone, take one more picture at the reference \
+                 slice, with the target nearer to the lens: put it into a folder " code { "moved" } " beside the slices (or \
+                 give the id of a calibration with the target nearer), and say by how much it was nearer."
             }
+            figure.moved data-for="calibration" hidden { (PreEscaped(MOVED)) }
         }
     }
 }
+
+/// How the moved target is photographed.
+const MOVED: &str = concat!(
+    "<svg viewBox=\"0 0 420 96\" role=\"img\" aria-label=\"The target, moved towards the lens by a known distance\">",
+    "<g fill=\"none\" stroke=\"currentColor\"><path d=\"M8 48H404\" stroke-dasharray=\"2 4\"/>",
+    "<path d=\"M20 26V70M60 30v36h60V30z\"/><path d=\"M300 16V80\" stroke-dasharray=\"5 4\"/>",
+    "<path d=\"M360 16V80\" stroke-width=\"2\"/><path d=\"M354 26H306m6-4-6 4 6 4\"/></g>",
+    "<text x=\"8\" y=\"92\">sensor</text><text x=\"76\" y=\"92\">lens</text>",
+    "<text x=\"262\" y=\"92\">moved: 1 picture</text><text x=\"366\" y=\"92\">slices</text>",
+    "<text x=\"306\" y=\"16\">nearer by</text></svg>"
+);
 
 /// The options of a calibration that the form has: name and label.
 const CALIBRATION: [(&str, &str); 6] = [
@@ -120,8 +133,8 @@ const CALIBRATION: [(&str, &str); 6] = [
     ("pixel_pitch_mm", "Pixel pitch, mm"),
     ("rail_step_mm", "Rail step, mm"),
     ("pupil_ratio", "Pupil ratio"),
-    ("moved_target", "Calibration with the target nearer"),
-    ("target_advance_mm", "Nearer by, mm"),
+    ("target_advance_mm", "Target nearer by, mm"),
+    ("moved_target", "Calibration with it nearer"),
 ];
 
 fn view(scans: &[(Name, Name, Name)]) -> Markup {

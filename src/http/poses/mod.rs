@@ -32,13 +32,17 @@ use crate::{
     contract::{Code, Fault, scan::MAX_VIEWS},
     store::SpoolFile,
 };
-use pinstack_science::photogrammetry::poses::{self, Commanded, KnownScale, PoseFormat, PoseOptions, PoseReport};
+use pinstack_science::photogrammetry::poses::{
+    self, Commanded, Distance, KnownScale, PoseFormat, PoseOptions, PoseReport,
+};
 use pinstack_science::types::error::ErrorLocation;
 
 /// Largest file. COLMAP's `images.txt` has all points: 400 views with 3000 points each have 40 MB.
 pub const MAX_BYTES: u64 = 128 << 20;
 /// Largest known length, mm.
 const MAX_MM: f64 = 100_000.0;
+/// Largest focal length, px.
+const MAX_PX: f64 = 1e8;
 /// Files that are read at a time.
 static READERS: Semaphore = Semaphore::const_new(2);
 
@@ -67,6 +71,13 @@ pub struct PoseQuery {
     /// The distance between them, mm.
     #[param(exclusive_minimum = 0.0, maximum = 100_000.0)]
     pub pair_mm: Option<f64>,
+    /// Focal length that the program found, px (COLMAP: the first of `PARAMS` in `cameras.txt`). For a scan it is
+    /// compared with the principal distance of its profile.
+    #[param(exclusive_minimum = 0.0, maximum = 100_000_000.0)]
+    pub focal_px: Option<f64>,
+    /// Its standard deviation, px.
+    #[param(exclusive_minimum = 0.0, maximum = 100_000_000.0)]
+    pub focal_sigma_px: Option<f64>,
 }
 
 /// Format of a pose report.
@@ -91,10 +102,18 @@ impl PoseQuery {
     /// `invalid_request` that names the parameter.
     pub fn of(uri: &Uri) -> ApiResult<Self> {
         let query: Self = params::from_uri(uri)?;
-        for (name, value) in [("radius_mm", query.radius_mm), ("pair_mm", query.pair_mm)] {
-            if value.is_some_and(|mm| !(mm > 0.0 && mm <= MAX_MM)) {
-                return Err(outside(name, &format!("{name} must be greater than 0 and at most {MAX_MM}")));
+        for (name, value, most) in [
+            ("radius_mm", query.radius_mm, MAX_MM),
+            ("pair_mm", query.pair_mm, MAX_MM),
+            ("focal_px", query.focal_px, MAX_PX),
+            ("focal_sigma_px", query.focal_sigma_px, MAX_PX),
+        ] {
+            if value.is_some_and(|value| !(value > 0.0 && value <= most)) {
+                return Err(outside(name, &format!("{name} must be greater than 0 and at most {most}")));
             }
+        }
+        if query.focal_sigma_px.is_some() && query.focal_px.is_none() {
+            return Err(outside("focal_sigma_px", "focal_sigma_px needs focal_px: give both, or neither"));
         }
         if query.expected.is_some_and(|views| !(1..=MAX_VIEWS).contains(&views)) {
             return Err(outside("expected", &format!("expected must be 1 to {MAX_VIEWS}")));
@@ -117,6 +136,8 @@ pub struct KnownViews {
     pub expected: Option<u32>,
     /// The commanded radius, mm.
     pub radius_mm: Option<f64>,
+    /// The principal distance of the camera.
+    pub principal_distance: Option<Distance>,
 }
 
 /// Receives a file of poses, and answers with the report on them.
@@ -133,7 +154,13 @@ pub async fn report(
 ) -> ApiResult<Response> {
     let scale = scale(&query, known.radius_mm)?;
     let format = query.format;
-    let options = PoseOptions { expected: query.expected.or(known.expected), scale, commanded: known.commanded };
+    let options = PoseOptions {
+        expected: query.expected.or(known.expected),
+        scale,
+        focal_length: query.focal_px.map(|px| Distance { px, sigma_px: query.focal_sigma_px }),
+        principal_distance: known.principal_distance,
+        commanded: known.commanded,
+    };
     let file = receive(app, caller, headers, body).await?;
     let reader = READERS.acquire().await.map_err(ApiError::internal)?;
     let work = background::blocking_with((reader, file), move |(_, file)| -> ApiResult<Response> {

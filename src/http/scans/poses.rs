@@ -12,13 +12,14 @@ use crate::{
         poses::{KnownViews, PoseQuery, report},
     },
 };
-use pinstack_science::photogrammetry::poses::{Commanded, PoseReport};
+use pinstack_science::photogrammetry::poses::{Commanded, Distance, PoseReport};
 
 /// Report on the camera poses of a scan
 ///
 /// As `POST /v1/poses`. The commanded angles are those of the views of the scan, the number of expected views is its
-/// `expected_views` or the number of its views, and its `radius_mm` gives the scale. Views of the file that the scan
-/// does not have are named.
+/// `expected_views` or the number of its views, and its `radius_mm` gives the scale. `focal_px` is compared with the
+/// principal distance of the profile that the views were fused with. Views of the file that the scan does not have are
+/// named.
 #[utoipa::path(
     post,
     path = "/v1/scans/{scan}/poses",
@@ -64,6 +65,12 @@ pub async fn poses(
         commanded: commanded.collect(),
         expected: scan.input.expected_views.or(u32::try_from(views.len()).ok()),
         radius_mm: scan.input.radius_mm,
+        principal_distance: views.iter().find_map(|view| {
+            let camera = view.stack.result.as_ref()?.image_info.intrinsics?;
+            let to_px = camera.principal_distance_px / camera.principal_distance_mm;
+            let sigma_px = camera.principal_distance_sigma_mm.map(|sigma| to_px * sigma);
+            Some(Distance { px: camera.principal_distance_px, sigma_px })
+        }),
     };
     report(&app, &caller, query, &sent.headers, sent.body, known).await
 }

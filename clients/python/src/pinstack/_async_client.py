@@ -124,6 +124,7 @@ class AsyncClient:
         lens: str,
         target: Sendable,
         *,
+        moved: Union[PathLike, Sequence[PathLike], None] = None,
         on_bytes: Optional[OnBytes] = None,
         on_progress: Optional[OnProgress] = None,
         timeout_s: Optional[float] = None,
@@ -133,12 +134,15 @@ class AsyncClient:
 
         Args:
             target: a zip, a folder or a list of the slices.
+            moved: the same target nearer to the lens by ``target_advance_mm``, which measures the camera: one picture
+                with the rail where it was for the reference slice, or a folder or list with one for each slice. In a
+                zip or folder ``target`` it may be the folder ``moved`` instead.
             on_bytes: called with bytes sent and their total.
             on_progress: called with the progress of the job.
             timeout_s: longest time to wait for the job after the upload, seconds; default: no limit.
             options: ``focal_mm``, ``pixel_pitch_mm``, ``target_pitch_mm``, ... of ``models.CalibrationOptions``.
         """
-        operation = self._do.calibrate(rig, lens, target, options, on_bytes, on_progress, timeout_s)
+        operation = self._do.calibrate(rig, lens, target, moved, options, on_bytes, on_progress, timeout_s)
         return await self._transport.run(operation)
 
     async def list_calibrations(

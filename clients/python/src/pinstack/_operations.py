@@ -10,7 +10,7 @@ from . import _arrays, _downloads, _events, _uploads
 from ._errors import PinstackError
 from ._http import Call, Clock, Operation, Request, Response, Retry, json_body, path, query, send
 from ._paths import on_disk
-from ._zips import PathLike, Sendable, source
+from ._zips import PathLike, Sendable, source, with_moved
 
 if TYPE_CHECKING:
     import pandas
@@ -90,11 +90,16 @@ class Operations:
         return self.put(path("v1", "profiles", rig, lens), body, headers, repeatable=False)
 
     def calibrate(
-        self, rig: str, lens: str, target: Sendable, options: Mapping[str, Any], on_bytes: Optional[_uploads.OnBytes],
-        on_progress: Optional[_events.OnProgress], timeout_s: Optional[float],
+        self, rig: str, lens: str, target: Sendable, moved: Union[PathLike, Sequence[PathLike], None],
+        options: Mapping[str, Any], on_bytes: Optional[_uploads.OnBytes], on_progress: Optional[_events.OnProgress],
+        timeout_s: Optional[float],
     ) -> Operation[Any]:  # fmt: skip
         values = {"rig": rig, "lens": lens, "options": dict(options), "purpose": "calibration"}
-        at = yield from self.upload(target, values, on_bytes, None, None)
+        sent: Sendable = target
+        if moved is not None:
+            pictures = moved
+            sent = yield Call(lambda: with_moved(target, pictures))
+        at = yield from self.upload(sent, values, on_bytes, None, None)
         return (yield from self.wait(at, on_progress, timeout_s, True))
 
     # -- stacks --------------------------------------------------------------------------------------------------------

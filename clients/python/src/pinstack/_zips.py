@@ -12,7 +12,7 @@ import re
 import struct
 import zlib
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Dict, Iterable, Iterator, List, Mapping, Sequence, Union
 
@@ -294,6 +294,22 @@ def source(sendable: Sendable) -> Source:
             raise PinstackError("invalid_source", f"slices are 'front' or 'back', not {unknown[0]!r}")
         return StoredZip.of_slices(sendable.get("front", ()), sendable.get("back", ()))
     return StoredZip.of_slices(sendable)
+
+
+def with_moved(target: Sendable, moved: Union[PathLike, Sequence[PathLike]]) -> StoredZip:
+    """A dot target with pictures of the same target after it was moved, in the folder ``moved`` of the zip."""
+    zipped = source(target)
+    if not isinstance(zipped, StoredZip):
+        detail = "give the target as a folder or a list, or put the folder 'moved' into the zip and omit moved"
+        raise PinstackError("invalid_source", detail)
+    if not isinstance(moved, (str, PurePath)):
+        inner = [Member.of(Path(path), Path(path).name) for path in moved]
+    elif on_disk(Path(moved)).is_dir():
+        inner = StoredZip.of_folder(Path(moved)).members
+    else:
+        inner = [Member.of(Path(moved), Path(moved).name)]
+    pictures = [replace(member, name=f"moved/{member.name}") for member in inner if is_picture(member.path)]
+    return StoredZip([*zipped.members, *pictures], name=zipped.name)
 
 
 def utf8(text: str) -> bytes:

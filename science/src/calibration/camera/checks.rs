@@ -40,8 +40,8 @@ fn target_advance(options: &CalibrationOptions, known: Known, measured: &Measure
     let (advance, moved) = (options.target_advance_mm?, options.moved_target_pitch_px?);
     let Some(by_target) = measured.by_target else {
         let detail = format!(
-            "target_advance_mm is {advance}, but the dots are {:.3} px apart and {moved:.3} px in the calibration of the \
-             moved target: a target that is nearer must be clearly larger; check the sign and the size of the advance",
+            "target_advance_mm is {advance}, but the dots are {:.3} px apart and those of the moved target {moved:.3} px: a \
+             target that is nearer must be clearly larger; check the sign and the size of the advance",
             known.pitch_px[0]
         );
         return Some(contradiction(WarningCode::TargetAdvanceDisagrees, detail));

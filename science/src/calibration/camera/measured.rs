@@ -124,7 +124,7 @@ impl Measured {
     }
 }
 
-/// D by the target of another calibration, which was nearer to the lens.
+/// D by the moved target, which was nearer to the lens.
 fn moved_target(options: &CalibrationOptions, known: Known) -> Option<Estimate> {
     let (advance, nearer) = (options.target_advance_mm?, options.moved_target_pitch_px?);
     let [pitch, sigma] = known.pitch_px;

@@ -58,7 +58,7 @@ fn a_rail_of_the_sensor_or_of_the_lens_alone_leaves_it_unknown_without_another_f
         for mode in [CaptureMode::FixedLens, CaptureMode::LensAlone] {
             let (report, contradictions) = of(lens, mode, &numbers());
             assert_eq!((report.principal_distance_mm, report.source), (None, PrincipalDistanceSource::Unknown));
-            assert!(report.detail.contains("moved_target") && contradictions.is_empty(), "{}", report.detail);
+            assert!(report.detail.contains("folder moved/") && contradictions.is_empty(), "{}", report.detail);
             let exit = report.pupils.exit_pupil_distance_mm;
             assert!(if mode == CaptureMode::FixedLens { is(exit, lens.exit_pupil_distance()) } else { exit.is_none() });
         }

@@ -37,10 +37,7 @@ pub(super) fn report(
     let profile = profile_slices(&solution, tracked);
     let base = tracked.detections[reference].as_ref();
     let pitch = base.map_or(0.0, |s| s.pitch);
-    let magnification = match (options.pixel_pitch_mm, options.target_pitch_mm) {
-        (Some(pixel), Some(target)) if target > 0.0 => Some(pitch * pixel / target),
-        _ => None,
-    };
+    let magnification = options.magnification(pitch);
     let half = 0.5 * (f64::from(width) - 1.0).hypot(f64::from(height) - 1.0);
     let least_sigma = LEAST_CORNER_SIGMA / half;
     let sizes = sizes(&solution, &profile, least_sigma);

@@ -22,9 +22,7 @@ pub(super) struct Setting<'a> {
     /// Index of the reference slice.
     pub(super) reference: usize,
     /// The rail.
-    rail: &'a RailState,
-    /// Rail positions relative to the reference slice.
-    pub(super) offsets: Vec<f64>,
+    pub(super) rail: &'a RailState,
     /// Uncertainty per slice that no number of dots reduces, px (see [`floors`]).
     pub(super) floors: Vec<f64>,
     /// Per slice: true when the model of the stack and the rail law do not apply to it, because its dots differ.
@@ -34,8 +32,7 @@ pub(super) struct Setting<'a> {
 impl<'a> Setting<'a> {
     /// For slices of `size` = width, height.
     pub(super) fn new(frame: Frame, size: [u32; 2], reference: usize, rail: &'a RailState, floors: Vec<f64>) -> Self {
-        let offsets = rail.positions.iter().map(|z| z - rail.positions[reference]).collect();
-        Self { frame, size, reference, rail, offsets, floors, alone: vec![false; rail.positions.len()] }
+        Self { frame, size, reference, rail, floors, alone: vec![false; rail.positions.len()] }
     }
 
     /// Largest distance between the image corners under two homographies, px.
@@ -118,20 +115,20 @@ pub(super) fn floors(tracked: &Tracked, pitch: f64) -> Vec<f64> {
 
 /// The homography of each slice by the rail law of the others but those of `out`; `None` without a law.
 pub(super) fn predicted_without(out: &[usize], inliers: &[Inliers], s: &Setting) -> Vec<Option<Homography>> {
-    let RailState { positions, jump, displaced, .. } = s.rail;
+    let RailState { coordinates, jump, displaced, .. } = s.rail;
     let model = TransformModel::Homography;
     let own = own_estimates(model, inliers, s.reference, &s.frame, s.size);
     let displaced: Vec<bool> = displaced.iter().enumerate().map(|(i, off)| *off || out.contains(&i)).collect();
     let in_line = in_line(&own, &displaced);
     let predict = |i: usize| {
-        let expected = rail::predicted(&in_line, positions, *jump, i)?;
+        let expected = rail::predicted(&in_line, coordinates, *jump, i)?;
         s.frame.homography(&model.parameters(&expected.free))
     };
     (0..own.len()).map(predict).collect()
 }
 
 fn per_slice_estimates(model: TransformModel, inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimate>> {
-    let RailState { positions, jump, displaced, .. } = s.rail;
+    let RailState { coordinates, jump, displaced, .. } = s.rail;
     let displaced: Vec<bool> = displaced.iter().zip(&s.alone).map(|(a, b)| *a || *b).collect();
     let own = own_estimates(model, inliers, s.reference, &s.frame, s.size);
     let map = |free: &DVector<f64>| s.frame.homography(&model.parameters(free));
@@ -139,7 +136,7 @@ fn per_slice_estimates(model: TransformModel, inliers: &[Inliers], s: &Setting) 
     (0..own.len())
         .map(|index| {
             let own = own[index].as_ref();
-            let expected = rail::predicted(&in_line, positions, *jump, index);
+            let expected = rail::predicted(&in_line, coordinates, *jump, index);
             let by_law = expected.as_ref().and_then(|expected| map(&expected.free));
             // the dots of a displaced slice outrank the law
             let expected = expected.as_ref().filter(|_| own.is_none() || !displaced[index]);
@@ -165,18 +162,19 @@ fn rail_linear_estimates(inliers: &[Inliers], s: &Setting) -> Vec<Option<Estimat
     let matches: Vec<&[Match]> =
         inliers.iter().zip(&s.alone).map(|(a, alone)| if *alone { &[][..] } else { &a.evidence.matches[..] }).collect();
     let overlap = inliers.iter().map(|a| a.evidence.overlap).fold(1.0, f64::max);
-    let Some(fit) = RailFit::fit(&matches, &s.offsets) else { return inliers.iter().map(|_| None).collect() };
+    let offsets = &s.rail.coordinates;
+    let Some(fit) = RailFit::fit(&matches, offsets) else { return inliers.iter().map(|_| None).collect() };
     let own = own_estimates(TransformModel::Homography, inliers, s.reference, &s.frame, s.size);
     let map = |p: &Parameters| s.frame.homography(p);
     (0..inliers.len())
         .map(|index| {
-            let homography = map(&fit.parameters(s.offsets[index]))?;
+            let homography = map(&fit.parameters(offsets[index]))?;
             let alone = own[index].as_ref().and_then(|o| map(&TransformModel::Homography.parameters(&o.free)));
             // scatter that the dots of a slice share is not noise of single dots
             let shared = transform_models::fit(TransformModel::Similarity, matches[index])
                 .and_then(|fit| map(&TransformModel::Similarity.parameters(&fit.free)))
                 .map_or(0.0, |h| s.apart(&h, &homography));
-            let sigma = s.frame.half * fit.corner_sigma(s.offsets[index]) * overlap.sqrt();
+            let sigma = s.frame.half * fit.corner_sigma(offsets[index]) * overlap.sqrt();
             Some(Estimate {
                 homography,
                 by_law: Some(homography),

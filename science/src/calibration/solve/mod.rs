@@ -27,9 +27,11 @@ use rail_state::{RailState, nominal_positions};
 use selection::select;
 
 use super::transform_models::{Frame, TransformModel};
-use super::{detected::Detection, gains, lost::Loss, rail::EstimateSource, tracked::Tracked};
+use super::{
+    capture, detected::Detection, gains, lost::Loss, rail::EstimateSource, size_law::ScaleSample, tracked::Tracked,
+};
 use crate::imaging::Slices;
-use crate::types::calibration_options::ModelChoice;
+use crate::types::calibration_options::CalibrationOptions;
 use crate::types::{Cancelled, Control, Error, ErrorKind, Interrupted};
 
 /// Largest corner uncertainty of a predicted slice, px.
@@ -44,7 +46,7 @@ pub(super) fn solve(
     tracked: &Tracked,
     reference: usize,
     given: Option<&[f64]>,
-    requested: ModelChoice,
+    options: &CalibrationOptions,
     control: &dyn Control,
 ) -> Result<Solution, Interrupted> {
     let Some(base) = tracked.detections[reference].as_ref() else {
@@ -57,9 +59,15 @@ pub(super) fn solve(
         |inliers: &[Inliers]| own_estimates(TransformModel::Similarity, inliers, reference, &frame, tracked.size());
     let first = similar(&inliers);
     drop_mistaken_grids(&mut inliers, &first, &nominal_positions(given, first.len()), tracked, base);
-    let mut rail = RailState::of(&similar(&inliers), given, reference, frame.half);
+    let capture = |sizes: &[ScaleSample], is_even: bool| {
+        let magnification = options.magnification(base.pitch);
+        capture::decide(sizes, given.is_some(), is_even, options.capture_mode, magnification)
+            .found
+            .or(options.capture_mode)
+    };
+    let mut rail = RailState::of(&similar(&inliers), given, reference, frame.half, &capture);
     let mut setting = Setting::new(frame, tracked.size(), reference, &rail, floors(tracked, base.pitch));
-    let (selection, estimates) = select(&inliers, &mut setting, requested);
+    let (selection, estimates) = select(&inliers, &mut setting, options.model);
     let alone = std::mem::take(&mut setting.alone);
     rail.differ(&alone);
     require_all(slices, tracked, &estimates, reference)?;

@@ -52,8 +52,13 @@ fn select_model(inliers: &[Inliers], setting: &Setting, requested: ModelChoice) 
     let none = Evidence::default();
     let evidence: Vec<&Evidence> =
         inliers.iter().zip(&setting.alone).map(|(a, alone)| if *alone { &none } else { &a.evidence }).collect();
-    let mut selection =
-        model_selection::select_model(&evidence, &setting.offsets, setting.frame.half, &corner_errors, requested);
+    let mut selection = model_selection::select_model(
+        &evidence,
+        &setting.rail.coordinates,
+        setting.frame.half,
+        &corner_errors,
+        requested,
+    );
     let hidden = model_selection::bias(&corner_errors(selection.model)).upper;
     for candidate in &mut selection.candidates {
         let Some((_, estimates)) = by_model.iter().find(|(m, _)| m.name() == candidate.model) else { continue };
@@ -63,7 +68,7 @@ fn select_model(inliers: &[Inliers], setting: &Setting, requested: ModelChoice) 
     }
     let selected = by_model.iter_mut().find(|e| e.0 == selection.model);
     let mut estimates = selected.map(|e| std::mem::take(&mut e.1)).unwrap_or_default();
-    add_hidden_bias(&mut estimates, &setting.offsets, hidden);
+    add_hidden_bias(&mut estimates, &setting.rail.coordinates, hidden);
     (selection, estimates)
 }
 

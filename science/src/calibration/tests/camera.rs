@@ -6,12 +6,17 @@ use crate::types::{NoControl, profile::CaptureMode, pupils::PrincipalDistanceSou
 
 /// A rig of 9 slices at a magnification of 1.6, whose image grows by about 5 %.
 fn rig(pupil_ratio: f64, mode: CaptureMode) -> Rig {
+    breathing(pupil_ratio, mode, 0.025)
+}
+
+/// The same, whose image grows by `share` either way.
+fn breathing(pupil_ratio: f64, mode: CaptureMode, share: f64) -> Rig {
     let base = Rig { channels: 1, pupil_ratio, magnification: 1.6, noise: 0.5, ..Rig::sized(480, 360, 9) }.ideal();
     let lens = base.lens();
     let reach = match mode {
-        CaptureMode::FixedLens => 0.025 * lens.exit_pupil_distance(),
-        CaptureMode::MovingLens => 0.025 * lens.entrance_pupil_distance(),
-        CaptureMode::LensAlone => 0.025 / (1.0 / lens.exit_pupil_distance() + 1.0 / lens.entrance_pupil_distance()),
+        CaptureMode::FixedLens => share * lens.exit_pupil_distance(),
+        CaptureMode::MovingLens => share * lens.entrance_pupil_distance(),
+        CaptureMode::LensAlone => share / (1.0 / lens.exit_pupil_distance() + 1.0 / lens.entrance_pupil_distance()),
     };
     // the renderer counts the sensor away from the lens, and the others towards the object
     let sign = if mode == CaptureMode::FixedLens { -1.0 } else { 1.0 };
@@ -91,6 +96,29 @@ fn a_rail_of_the_sensor_measures_it_with_a_moved_target_and_says_unknown_without
 }
 
 #[test]
+fn one_picture_of_the_moved_target_measures_what_a_second_calibration_does() {
+    let (rig, target) = with_target(rig(1.8, CaptureMode::FixedLens));
+    let near = DotTarget { depth: Some(-1.0), ..target.clone() };
+    let advance = rig.object_distance(rig.focus_fraction(rig.reference)) - rig.object_distance(-1.0);
+    let (slices, moved) = (target_stack(&rig, &target), target_stack(&rig, &near));
+    let alone = CalibrationOptions { target_advance_mm: Some(advance), ..options(&rig, &target) };
+    let pitch = calibrate(&&moved[..], &options(&rig, &target), &NoControl).expect("a calibration").dot_pitch_px;
+    let by_id = CalibrationOptions { moved_target_pitch_px: Some(pitch), ..alone.clone() };
+    let by_id = calibrate(&&slices[..], &by_id, &NoControl).expect("a calibration").report.camera;
+    assert!(is_near(by_id.principal_distance_mm, rig.lens().principal_distance()), "{by_id:?}");
+    let one = rig.reference..=rig.reference;
+    for moved in [&moved[..], &moved[one]] {
+        let calibration = calibrate_with_moved(&&slices[..], Some(&moved), &alone, &NoControl).expect("a calibration");
+        assert_eq!(calibration.report.camera, by_id);
+    }
+
+    let dark = moved[0].clone();
+    let dark = crate::imaging::Raster::eight(dark.width, dark.height, 1, vec![9; dark.width * dark.height]);
+    let refused = calibrate_with_moved(&&slices[..], Some(&&[dark][..]), &alone, &NoControl);
+    assert!(matches!(refused, Err(Interrupted::Failed(error)) if error.kind == ErrorKind::TargetNotFound));
+}
+
+#[test]
 fn a_lens_that_moves_alone_is_recognised_and_leaves_the_distance_unknown() {
     let (rig, target) = with_target(rig(0.6, CaptureMode::LensAlone));
     let calibration = measured(&rig, &target, &options(&rig, &target));
@@ -107,4 +135,25 @@ fn a_wrong_focal_length_is_named_and_the_verdict_says_so() {
     assert!(finding.starts_with("focal_mm is 120,"), "{finding}");
     assert!(calibration.verdict.ends_with("; see focal_length_disagrees"), "{}", calibration.verdict);
     assert!(is_near(calibration.report.camera.principal_distance_mm, rig.lens().principal_distance()));
+}
+
+#[test]
+fn slices_that_show_no_dots_are_predicted_whatever_moves() {
+    for mode in [CaptureMode::FixedLens, CaptureMode::MovingLens, CaptureMode::LensAlone] {
+        let (rig, target) = with_target(breathing(1.0, mode, 0.08));
+        let mut slices = target_stack(&rig, &target);
+        for lost in [0, 6] {
+            slices[lost] = crate::imaging::Raster::eight(rig.width, rig.height, 1, vec![150; rig.width * rig.height]);
+        }
+        for options in [CalibrationOptions::default(), options(&rig, &target)] {
+            let calibration = calibrate(&&slices[..], &options, &NoControl).expect("a calibration");
+            for lost in [0, 6] {
+                let slice = &calibration.slices[lost];
+                let error = slice.homography.corner_distance(&rig.homography(lost), 480, 360);
+                assert!(slice.interpolated && error < 0.1, "{mode:?}, slice {lost}: {error} px");
+                let sigma = slice.corner_sigma_px.expect("known");
+                assert!(sigma < 0.15 && error < 4.0 * sigma, "{mode:?}, slice {lost}: {sigma} px");
+            }
+        }
+    }
 }

@@ -21,7 +21,8 @@ use crate::types::{Error, error::ErrorKind, text::folded};
 
 pub use readers::read;
 pub use report::{
-    LengthUnit, PoseReport, ScaleReport, ScaleSource, StepReport, SurfaceKind, SurfaceReport, ViewPose, report,
+    FocalLengthReport, LengthUnit, PoseReport, ScaleReport, ScaleSource, StepReport, SurfaceKind, SurfaceReport,
+    ViewPose, report,
 };
 
 /// Most views of a file.
@@ -97,6 +98,22 @@ pub enum KnownScale {
     },
 }
 
+/// A focal length as photogrammetry means it: the principal distance of a pinhole camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Distance {
+    /// The distance, px.
+    pub px: f64,
+    /// Its standard deviation, px; `None` when it is unknown.
+    pub sigma_px: Option<f64>,
+}
+
+impl Distance {
+    /// The standard deviation over the distance; 0 when it is unknown.
+    fn relative_sigma(self) -> f64 {
+        self.sigma_px.unwrap_or_default() / self.px
+    }
+}
+
 /// What a report is made with.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PoseOptions {
@@ -104,6 +121,10 @@ pub struct PoseOptions {
     pub expected: Option<u32>,
     /// A known length.
     pub scale: Option<KnownScale>,
+    /// The focal length that the program found.
+    pub focal_length: Option<Distance>,
+    /// The principal distance of the camera that took the images.
+    pub principal_distance: Option<Distance>,
     /// The views that should be registered. If empty, angles come from the file or from the names of the images.
     pub commanded: Vec<Commanded>,
 }

@@ -2,6 +2,7 @@
 
 mod axis;
 mod findings;
+mod focal_length;
 mod residuals;
 mod scale;
 mod surface;
@@ -11,6 +12,7 @@ mod views;
 use self::{
     axis::{of_axes, sense},
     findings::findings_of,
+    focal_length::{compared, not_checked},
     residuals::view_poses,
     scale::scale,
     surface::Surface,
@@ -22,7 +24,8 @@ use crate::types::Error;
 use crate::types::error::ErrorKind;
 
 pub use self::types::{
-    LengthUnit, PoseReport, ScaleReport, ScaleSource, StepReport, SurfaceKind, SurfaceReport, ViewPose,
+    FocalLengthReport, LengthUnit, PoseReport, ScaleReport, ScaleSource, StepReport, SurfaceKind, SurfaceReport,
+    ViewPose,
 };
 
 #[cfg(test)]
@@ -57,6 +60,7 @@ pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Erro
     let angles = surface.as_ref().and_then(|surface| surface.angles(&poses, &commanded));
     let axes = of_axes(&poses, &commanded);
     let scale = scale(&poses, options, surface.as_ref(), &commanded, &mut findings)?;
+    let focal_length = compared(options, &mut findings);
     let views = view_poses(&poses, &commanded, surface.as_ref(), angles.as_ref(), scale.per_file_unit);
     let steps = |steps: Option<Steps>| steps.map(StepReport::from);
     let turntable = angles.as_ref().map(|(_, turntable)| turntable);
@@ -88,7 +92,8 @@ pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Erro
         tilt_steps_of_axes: steps(axes.as_ref().and_then(|turntable| turntable.tilt_steps)),
         views,
         findings,
-        not_checked: types::NOT_CHECKED.to_owned(),
+        focal_length,
+        not_checked: not_checked(options),
     };
     let more = findings_of(&report, turntable.is_some());
     report.findings.extend(more);

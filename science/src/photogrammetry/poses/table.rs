@@ -47,7 +47,9 @@ impl PoseReport {
             ));
         }
         out.push_str(&format!("\nlengths in {}; angles are residuals\n", self.length_name()));
-        out.push_str(&format!("{}\n", self.not_checked));
+        if let Some(not_checked) = &self.not_checked {
+            out.push_str(&format!("{not_checked}\n"));
+        }
         out
     }
 
@@ -63,7 +65,10 @@ impl PoseReport {
                 }
             }
         }
-        out.push_str(&format!("\\hline\n\\end{{tabular}}\n% {}\n", self.not_checked));
+        out.push_str("\\hline\n\\end{tabular}\n");
+        if let Some(not_checked) = &self.not_checked {
+            out.push_str(&format!("% {not_checked}\n"));
+        }
         out
     }
 
@@ -111,6 +116,16 @@ impl PoseReport {
             ScaleSource::ViewPair => "the known distance of two views",
         };
         rows.push(single("scale", scale.to_owned()));
+        let px = |px: f64, sigma: Option<f64>| match sigma {
+            Some(sigma) => format!("{px:.1} +- {sigma:.1}"),
+            None => format!("{px:.1}"),
+        };
+        if let Some(of) = &self.focal_length {
+            let found = px(of.reconstruction_px, of.reconstruction_sigma_px);
+            let camera = px(of.camera_px, of.camera_sigma_px);
+            let value = format!("{found}, of the camera {camera} ({:+.2} %)", of.difference_percent);
+            rows.push(single("focal length (px)", value));
+        }
         rows
     }
 

@@ -13,7 +13,8 @@ use crate::{
     http::{ApiError, ApiResult, App, extract::path::name, ingest::fields::Fields},
 };
 use pinstack_science::types::{
-    Warning, WarningCode, calibration_options::CalibrationOptions, profile::MAX_SLICES, stack_layout::StackLayout,
+    Warning, WarningCode, calibration_options::CalibrationOptions, error::ErrorLocation, profile::MAX_SLICES,
+    stack_layout::StackLayout,
 };
 
 /// A dot-target stack to calibrate from.
@@ -130,24 +131,64 @@ impl CalibrationSubmission {
             );
             return Err(Fault::new(Code::SizeMismatch, detail));
         }
-        let reference = self.options.reference_index.unwrap_or(u32::try_from(count / 2).unwrap_or(u32::MAX));
-        if let Some(moved) = &self.moved
-            && (moved.size, moved.reference_index) != ((layout.width, layout.height), reference)
-        {
-            let (width, height) = moved.size;
-            let detail = format!(
-                "moved_target has slices of {width} x {height} px and the reference slice {}, and this calibration {} x {} px \
-                 and {reference}: the sizes of the dots can be compared at one position of the sensor only; take both sets \
-                 with the same settings and the same number of slices",
-                moved.reference_index, layout.width, layout.height
-            );
-            return Err(Fault::new(Code::InvalidRequest, detail));
-        }
         if let Some(reference) = self.options.reference_index
             && reference as usize >= count
         {
             let detail =
                 format!("reference_index is {reference}, but the archive has {count} slices, 0 to {}", count - 1);
+            return Err(Fault::new(Code::InvalidRequest, detail));
+        }
+        self.check_moved(layout)
+    }
+
+    /// Checks the moved target, which is a folder of the zip or another calibration.
+    fn check_moved(&self, layout: &StackLayout) -> Result<(), Fault> {
+        let CalibrationOptions { target_advance_mm: advance, moved_target_pitch_px: pitch, .. } = &self.options;
+        let (count, found) = (layout.front.len(), layout.moved.len());
+        let reference = self.options.reference_index.map_or(count / 2, |index| index as usize);
+        let one = format!("one picture with the rail where it was for the reference slice (index {reference})");
+        let refused = |name: &str, detail: String| {
+            let place = ErrorLocation { detail, pointer: Some(name.to_owned()), ..ErrorLocation::default() };
+            Fault::refuse(vec![place])
+        };
+        match (layout.moved.first(), advance) {
+            (Some(file), _) if pitch.is_some() => refused(
+                "moved_target",
+                format!(
+                    "moved_target is given, and the zip has a folder of the moved target too ({file}): omit one of them"
+                ),
+            ),
+            (Some(file), None) => refused(
+                "target_advance_mm",
+                format!(
+                    "target_advance_mm is missing, but the zip has a folder of the moved target ({file}): give by how many \
+                     mm the target was nearer to the lens there, or remove the folder"
+                ),
+            ),
+            (None, Some(_)) if pitch.is_none() => refused(
+                "target_advance_mm",
+                format!(
+                    "target_advance_mm is given, but there is no moved target: add {one} to the zip, in a folder moved/, or \
+                     give the id of a calibration of the moved target as moved_target"
+                ),
+            ),
+            (Some(file), Some(_)) if found != 1 && found != count => {
+                let detail = format!(
+                    "the folder of the moved target ({file}) has {found} pictures, and the calibration {count} slices: the \
+                     folder needs {one}, or {count} pictures"
+                );
+                Err(Fault::new(Code::SliceCountMismatch, detail))
+            }
+            _ => Ok(()),
+        }?;
+        let Some(MovedTarget { size: (width, height), reference_index, .. }) = self.moved else { return Ok(()) };
+        if ((width, height), reference_index as usize) != ((layout.width, layout.height), reference) {
+            let detail = format!(
+                "moved_target has slices of {width} x {height} px and the reference slice {reference_index}, and this \
+                 calibration {} x {} px and {reference}: the sizes of the dots can be compared at one position of the sensor \
+                 only; take both sets with the same settings and the same number of slices",
+                layout.width, layout.height
+            );
             return Err(Fault::new(Code::InvalidRequest, detail));
         }
         Ok(())

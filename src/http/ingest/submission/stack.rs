@@ -118,6 +118,13 @@ impl StackSubmission {
     fn check(&self, layout: &StackLayout) -> Result<(), Fault> {
         let Profile { rig, lens, revision, slice_count, input, .. } = &self.profile;
         let profile = format!("the profile of rig '{rig}' and lens '{lens}' (revision {revision})");
+        if let Some(moved) = layout.moved.first() {
+            let detail = format!(
+                "{moved} is in a folder for the moved target of a calibration; put the slices of a stack into front/ and \
+                 back/"
+            );
+            return Err(Fault::new(Code::InvalidArchive, detail).in_file(moved.as_str(), None));
+        }
         if layout.front.len() != *slice_count as usize {
             let found = layout.front.len();
             let copies = archive::copies(&layout.front);

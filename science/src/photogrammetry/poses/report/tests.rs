@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{
-    photogrammetry::poses::{KnownScale, Pose, PoseFormat},
+    photogrammetry::poses::{Distance, KnownScale, Pose, PoseFormat},
     types::view::ViewAngles,
 };
 
@@ -90,4 +90,56 @@ fn a_pair_with_an_unknown_view_says_what_to_name() {
     let error = report(&ring(0.0), &PoseOptions { scale, ..PoseOptions::default() }).expect_err("no such view");
     let wanted = "the view 'lost' is not registered, so it cannot give the scale; name two views that the file has";
     assert_eq!(error.detail, wanted);
+}
+
+fn with_focal(found: [f64; 2], camera: Option<[f64; 2]>) -> PoseReport {
+    let distance = |[px, sigma]: [f64; 2]| Distance { px, sigma_px: (sigma > 0.0).then_some(sigma) };
+    let options = PoseOptions {
+        focal_length: Some(distance(found)),
+        principal_distance: camera.map(distance),
+        ..PoseOptions::default()
+    };
+    report(&ring(0.0), &options).expect("a report")
+}
+
+#[test]
+fn the_focal_length_is_compared_with_the_camera_as_far_as_both_are_known() {
+    // of 6500 px: within 2 %, beyond them, within three standard deviations, beyond those
+    for (found, camera, differs) in [
+        ([6600.0, 0.0], [6500.0, 10.0], false),
+        ([6700.0, 0.0], [6500.0, 10.0], true),
+        ([6700.0, 70.0], [6500.0, 10.0], false),
+        ([5200.0, 70.0], [6500.0, 0.0], true),
+    ] {
+        let report = with_focal(found, Some(camera));
+        let compared = report.focal_length.expect("compared");
+        assert!((compared.difference_percent - 100.0 * (found[0] / camera[0] - 1.0)).abs() < 1e-9);
+        assert_eq!(report.findings.iter().any(|f| f.code == "focal_length_disagrees"), differs, "{found:?}");
+        assert_eq!(report.not_checked, None);
+        assert!(report.text().contains("of the camera 6500.0"), "{}", report.text());
+    }
+    let wrong = with_focal([7800.0, 0.0], Some([6500.0, 10.0]));
+    let detail = told(&wrong, "focal_length_disagrees");
+    assert!(detail.contains("7800.0 px") && detail.contains("6500.0 px: +20.0 %"), "{detail}");
+}
+
+#[test]
+fn what_leaves_the_focal_length_unchecked_is_said() {
+    let said = |report: PoseReport| report.not_checked.expect("nothing checks it");
+    for (report, what) in [
+        (report(&ring(0.0), &PoseOptions::default()).expect("a report"), "is not known here"),
+        (with_focal([6500.0, 0.0], None), "is not known here"),
+        (with_focal([6500.0, 0.0], Some([6500.0, 10.0])), "which the program did not change"),
+        (with_focal([6000.0, 0.0], Some([6500.0, 850.0])), "is known to 13 % only"),
+    ] {
+        assert!(report.findings.iter().all(|f| f.code != "focal_length_disagrees"), "{what}");
+        let sentence = said(report);
+        assert!(
+            sentence.starts_with("the poses do not check the focal length") && sentence.contains(what),
+            "{sentence}"
+        );
+    }
+    let distance = Some(Distance { px: 6500.0, sigma_px: None });
+    let options = PoseOptions { principal_distance: distance, ..PoseOptions::default() };
+    assert!(said(report(&ring(0.0), &options).expect("a report")).contains("(focal_px)"));
 }

@@ -45,15 +45,28 @@ pub struct PoseReport {
     pub views: Vec<ViewPose>,
     /// What to consider.
     pub findings: Vec<Warning>,
-    /// What no figure of the report can show, as a sentence: whether the focal length is right.
+    /// The focal length of the reconstruction and that of the camera; null unless both are known.
     #[serde(default)]
-    pub not_checked: String,
+    pub focal_length: Option<FocalLengthReport>,
+    /// What nothing in the report checks, as a sentence: whether the focal length is right. Null where something does.
+    #[serde(default)]
+    pub not_checked: Option<String>,
 }
 
-/// [`PoseReport::not_checked`].
-pub(super) const NOT_CHECKED: &str = "the poses do not check the focal length: with a wrong one, \
-     a bundle adjustment puts the cameras at another distance, they fit a sphere and steps nearly as well, and a known \
-     radius or pair of views takes the error up; compare a known length of the object with the reconstruction";
+/// The focal length of a reconstruction against the principal distance of the camera.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FocalLengthReport {
+    /// Focal length of the reconstruction, px.
+    pub reconstruction_px: f64,
+    /// Its standard deviation, px; null when it is unknown.
+    pub reconstruction_sigma_px: Option<f64>,
+    /// Principal distance of the camera, px.
+    pub camera_px: f64,
+    /// Its standard deviation, px; null when it is unknown.
+    pub camera_sigma_px: Option<f64>,
+    /// How much longer that of the reconstruction is, percent.
+    pub difference_percent: f64,
+}
 
 /// The unit of lengths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
