@@ -17,7 +17,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 
 use super::{
     App, calibrations, job_endpoints,
-    middleware::{auth, browser, cors, method, observe, prefix, problems, request_id, security, slot, trace},
+    middleware::{auth, browser, cors, method, observe, prefix, problems, request_id, security, slot, trace, whole},
     optics, pages, poses, profiles, scans, stacks, system, targets, uploads,
 };
 
@@ -99,6 +99,7 @@ pub fn service(app: App) -> Router {
         .layer(from_fn_with_state(app.clone(), browser::check))
         .layer(CatchPanicLayer::custom(problems::from_panic))
         .layer(from_fn(slot::require))
+        .layer(from_fn(whole::refuse_others))
         .layer(from_fn(method::refuse_unknown))
         .layer(from_fn(pages::errors::for_people))
         .layer(from_fn(problems::complete))

@@ -27,6 +27,9 @@ impl Settings {
             if !file.is_file() {
                 return Err(anyhow!("there is no configuration file {}", file.display()));
             }
+            if std::fs::read(&file).is_ok_and(|bytes| String::from_utf8(bytes).is_err()) {
+                return Err(anyhow!("the configuration file {} is not in UTF-8; save it as UTF-8", file.display()));
+            }
             figment = figment.merge(Toml::file_exact(file));
         }
         let figment = figment.merge(Env::prefixed(PREFIX).only(&keys)).merge(Serialized::globals(flags));
@@ -50,6 +53,7 @@ fn source(metadata: &Metadata, key: &str) -> String {
         return format!(" (environment variable {PREFIX}{})", key.to_uppercase());
     }
     match &metadata.source {
+        Some(Source::File(path)) if key.is_empty() => format!(" (file {})", path.display()),
         Some(Source::File(path)) => format!(" (file {}, key {key})", path.display()),
         _ => ROWS.iter().find(|row| row.key == key).map(|row| format!(" (flag --{})", row.flag())).unwrap_or_default(),
     }

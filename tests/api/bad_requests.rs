@@ -123,6 +123,60 @@ async fn a_body_that_is_not_a_zip_is_refused_by_type_and_by_content() {
 }
 
 #[tokio::test]
+async fn an_encoded_body_is_refused_with_the_coding() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let scan = || app.put("/v1/scans/a").body(r#"{"rig": "rig", "lens": "lens"}"#);
+    let upload = || app.post("/v1/uploads").header("tus-resumable", "1.0.0").header("upload-length", 100);
+    for request in [app.post(POST).body(stack_zip(2, 0)), scan(), upload()] {
+        let answer = request.header("content-encoding", "gzip").send().await.unwrap();
+        assert_eq!(answer.headers()["accept-encoding"], "identity");
+        let told = problem(answer, 415, "unsupported_media_type").await;
+        assert!(told["detail"].as_str().unwrap().contains("Content-Encoding: gzip"), "{told}");
+    }
+    assert_eq!(scan().header("content-encoding", "Identity").send().await.unwrap().status().as_u16(), 201);
+    assert_eq!(app.get("/v1/scans/a").header("content-encoding", "gzip").send().await.unwrap().status().as_u16(), 200);
+}
+
+#[tokio::test]
+async fn a_part_of_a_file_is_not_taken_for_the_file() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    let zip = stack_zip(2, 0);
+    let (last, length) = (zip.len() - 1, zip.len());
+    for range in [format!("bytes 100-{last}/{length}"), format!("bytes 0-99/{length}"), "bytes 0-44/*".into()] {
+        let part = app.put(POST).header("content-range", &range).body(zip[100..].to_vec());
+        let told = problem(part.send().await.unwrap(), 400, "invalid_request").await;
+        let detail = told["detail"].as_str().unwrap();
+        assert!(detail.contains(&range) && detail.contains("/v1/uploads"), "{detail}");
+    }
+    assert_eq!(app.spooled(), 0);
+    let whole = app.put(POST).header("content-range", format!("bytes 0-{last}/{length}")).body(zip);
+    assert_eq!(whole.send().await.unwrap().status().as_u16(), 202);
+}
+
+#[tokio::test]
+async fn json_may_begin_with_a_byte_order_mark() {
+    let app = TestApp::start().await;
+    let text = format!("\u{feff}{}", profile(2));
+    for (path, body) in [
+        ("/v1/profiles/rig/lens", text.as_str()),
+        (
+            "/v1/profiles/rig/list?image_width=24&image_height=18&reference_index=0",
+            "\u{feff}[[1,0,0,0,1,0,0,0,1],[1,0,0,0,1,0,0,0,1]]",
+        ),
+        ("/v1/scans/a", "\u{feff}{\"rig\": \"rig\", \"lens\": \"lens\"}"),
+    ] {
+        let stored =
+            app.put(path).header("content-type", "application/json").body(body.to_owned()).send().await.unwrap();
+        assert!(stored.status().is_success(), "{path}: {}", stored.text().await.unwrap());
+    }
+    let utf16: Vec<u8> = "\u{feff}{}".encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let told = problem(app.put("/v1/scans/b").body(utf16).send().await.unwrap(), 400, "invalid_request").await;
+    assert_eq!(told["detail"], "the body is UTF-16 text; save it as UTF-8");
+}
+
+#[tokio::test]
 async fn too_many_members_are_refused() {
     let app = TestApp::start_with(|policy| policy.archive.max_members = 3).await;
     app.with_profile(4).await;

@@ -38,6 +38,20 @@ fn a_value_of_the_wrong_kind_and_an_unknown_key_are_refused() {
 }
 
 #[test]
+fn a_file_in_another_encoding_or_form_is_refused_and_named() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let utf16: Vec<u8> = "\u{feff}workers = 2".encode_utf16().flat_map(u16::to_le_bytes).collect();
+    for bytes in [utf16.as_slice(), b"# K\xe4fer"] {
+        std::fs::write(folder.path().join("p.toml"), bytes).expect("a file");
+        let told = refusal(folder.path(), &["--config", "p.toml"], &[]);
+        assert!(told.contains("the configuration file p.toml is not in UTF-8; save it as UTF-8"), "{told}");
+    }
+    std::fs::write(folder.path().join("p.toml"), "workers = “2”").expect("a file");
+    let told = refusal(folder.path(), &["--config", "p.toml"], &[]);
+    assert!(told.contains("p.toml)") && !told.contains("key "), "{told}");
+}
+
+#[test]
 fn an_unknown_variable_is_refused_with_a_suggestion() {
     let folder = tempfile::TempDir::new().expect("a folder");
     let told = refusal(folder.path(), &[], &[("PINSTACK_AUTHH", "tokens")]);

@@ -140,3 +140,17 @@ async fn angles_may_have_a_decimal_comma() {
     let found = views(&app, &["pan022,5_tilt-7,5/1.png", "pan022,5_tilt-7,5/2.png"].map(String::from)).await;
     assert_eq!((&found[0]["pan_deg"], &found[0]["tilt_deg"]), (&json!(22.5), &json!(-7.5)));
 }
+
+#[tokio::test]
+async fn a_stacked_image_among_the_slices_is_named() {
+    let app = TestApp::start().await;
+    app.with_profile(4).await;
+    let names = ["IMG_0001.png", "IMG_0002.png", "IMG_0003.png", "IMG_0004.png", "ZS PMax.png"];
+    let answer = app.post(POST).body(slices(&names)).send().await.unwrap();
+    let told = problem(answer, 422, "slice_count_mismatch").await;
+    assert!(told["detail"].as_str().unwrap().contains("ZS PMax.png is named unlike all other files"), "{told}");
+    assert_eq!(told["errors"][0]["file"], "ZS PMax.png", "{told}");
+    // in the place of a slice that is missing
+    let stack = accepted(&app, "", slices(&names[1..])).await;
+    assert_eq!(stack["warnings"][0]["code"], "copied_file_name", "{stack}");
+}

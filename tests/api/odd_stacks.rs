@@ -95,3 +95,14 @@ async fn slices_of_another_colour_space_are_named_at_once() {
     let told = warnings(&app, stack(&[colour_space(255), colour_space(255)])).await;
     assert_eq!((told.len(), told[0]["code"].as_str()), (1, Some("unknown_colour_space")), "{told:?}");
 }
+
+#[tokio::test]
+async fn an_orientation_of_another_integer_type_turns_the_slices_too() {
+    let app = TestApp::start().await;
+    with_profile(&app, json!(3)).await;
+    for kind in [1, 3, 4] {
+        let mut block = orientation(3);
+        block[12] = kind;
+        assert_eq!(warnings(&app, stack(&[block.clone(), block])).await, [json!(null); 0], "type {kind}");
+    }
+}

@@ -224,3 +224,14 @@ async fn unknown_values_of_a_profile_are_null() {
     let again = app.put(URL).json(&shown).send().await.unwrap();
     assert_eq!(again.status(), StatusCode::OK, "what is shown can be sent again");
 }
+
+#[tokio::test]
+async fn an_etag_that_a_proxy_made_weak_is_refused_with_what_to_send() {
+    let app = TestApp::start().await;
+    app.with_profile(2).await;
+    for (tag, advice) in [("W/\"1\"", "send the ETag without W/"), ("\"7\"", "read the profile again and retry")] {
+        let write = app.put("/v1/profiles/rig/lens").header("if-match", tag).json(&profile(2));
+        let told = problem(write.send().await.unwrap(), 412, "precondition_failed").await;
+        assert!(told["detail"].as_str().unwrap().ends_with(advice), "{told}");
+    }
+}

@@ -352,3 +352,25 @@ def test_a_line_that_breaks_under_long_pieces_gets_shorter_ones(monkeypatch: pyt
     client(breaks).send_stack(DATA, "rig", "lens")
     assert uploads.stored == DATA
     assert longest[:3] == [1000, 500, 250] and 500 in longest[3:], "longer ones are tried again"
+
+
+def test_a_proxy_of_the_environment_is_named_where_the_service_cannot_be_reached(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in ("HTTP_PROXY", "http_proxy", "ALL_PROXY", "all_proxy", "NO_PROXY", "no_proxy"):
+        monkeypatch.delenv(name, raising=False)
+    once = Retry(attempts=1)
+
+    def told(**options: Any) -> str:
+        with Client("http://127.0.0.1:9", retry=once, **options) as own, pytest.raises(PinstackError) as caught:
+            own.info()
+        return caught.value.detail
+
+    assert "proxy" not in told()
+    monkeypatch.setenv("http_proxy", "http://user:secret@127.0.0.1:1")
+    sentence = told()
+    assert "through the proxy 127.0.0.1:1 of the environment; if 127.0.0.1 needs none, add it to NO_PROXY" in sentence
+    assert "secret" not in sentence
+    assert "proxy" not in told(trust_env=False)
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    assert "proxy" not in told()

@@ -218,6 +218,16 @@ def test_wrong_settings_are_named(tmp_path: Path, text: str, what: str) -> None:
         settings.load(file, {}, {})
 
 
+def test_settings_may_begin_with_a_byte_order_mark_and_are_in_utf8(tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text('rig = "r"\nlens = "l"\n', "utf-8-sig")
+    assert settings.load(file, {}, {}).rig == "r"
+    for encoding in ("utf-16", "latin-1"):
+        file.write_text('rig = "r"\nlens = "l"\n# Käfer\n', encoding)
+        with pytest.raises(PinstackError, match=r"are not in UTF-8 .*save the file as UTF-8"):
+            settings.load(file, {}, {})
+
+
 def test_options_are_numbers_where_they_look_like_numbers() -> None:
     assert settings.option("r1=30") == {"r1": 30}
     assert settings.option("mask_threshold=0.5") == {"mask_threshold": 0.5}

@@ -1,10 +1,12 @@
-//! Names of copies: what file managers, sync programs and editors put beside their originals.
+//! Names of copies: what file managers, sync programs and editors put beside their originals; and of what a stacking
+//! program wrote into the folder of its slices.
 
 use std::collections::{HashMap, HashSet};
 
 use super::{
     member_names,
     messages::{listed, one_or_more},
+    notation::without_numbers,
 };
 use crate::types::text::folded;
 
@@ -31,13 +33,19 @@ struct Mark {
     is_telling: bool,
 }
 
-/// The names that look like copies or edits of other files, of the names of one light. A copy has its original beside
-/// it, or a mark that most names lack: `IMG (1).jpg` to `IMG (7).jpg` are a series.
+/// The names, of those of one light, that seem to be no slices of their own: copies or edits of other files or, without
+/// any, the one that is named unlike all others. A copy has its original beside it, or a mark that most names lack:
+/// `IMG (1).jpg` to `IMG (7).jpg` are a series.
 pub fn copies<N: AsRef<str>>(names: &[N]) -> Vec<&str> {
+    let copies = marked(names);
+    if copies.is_empty() { odd(names).into_iter().collect() } else { copies }
+}
+
+fn marked<N: AsRef<str>>(names: &[N]) -> Vec<&str> {
     names.iter().zip(are_copies(names)).filter_map(|(name, is_copy)| is_copy.then_some(name.as_ref())).collect()
 }
 
-/// For each name, whether [`copies`] has it.
+/// For each name, whether it looks like a copy or an edit of another file.
 pub(super) fn are_copies<N: AsRef<str>>(names: &[N]) -> Vec<bool> {
     let stem = |name: &N| folded(member_names::base(member_names::stem(name.as_ref())));
     let stems: Vec<String> = names.iter().map(stem).collect();
@@ -56,9 +64,25 @@ pub(super) fn are_copies<N: AsRef<str>>(names: &[N]) -> Vec<bool> {
     marks.iter().map(|mark| mark.as_ref().is_some_and(is_copy)).collect()
 }
 
+/// The one name that is not of the series of all others: `output.jpg`, or `ZS PMax.jpg`, among `IMG_0001.jpg` to
+/// `IMG_0030.jpg`. A series may begin without a number: `a.jpg`, `a (1).jpg`, `a (2).jpg`.
+fn odd<N: AsRef<str>>(names: &[N]) -> Option<&str> {
+    let shape = |name: &N| without_numbers(member_names::base(member_names::stem(name.as_ref())));
+    let shapes: Vec<String> = names.iter().map(shape).collect();
+    // of two names at least one is of the series
+    let usual = shapes.iter().take(2).find(|usual| shapes.iter().filter(|shape| shape == usual).count() > 1)?;
+    let mut others = names.iter().zip(&shapes).filter(|(_, shape)| *shape != usual);
+    let (Some((name, shape)), None) = (others.next(), others.next()) else { return None };
+    let starts_series = usual.starts_with(shape.trim_end_matches(['\0', ' ', '-', '_']));
+    (names.len() > 3 && usual.contains('\0') && !starts_series).then(|| name.as_ref())
+}
+
 /// A clause about [`copies`]; `None` without any.
 pub fn copied<N: AsRef<str>>(names: &[N]) -> Option<String> {
-    let copies = copies(names);
+    let copies = marked(names);
+    if let Some(odd) = odd(names).filter(|_| copies.is_empty()) {
+        return Some(format!("{odd} is named unlike all other files: it may be a stacked image, or no slice"));
+    }
     let seem = one_or_more(
         copies.len(),
         "seems to be a copy or an edit of another file",

@@ -64,14 +64,7 @@ impl Notation {
         let mut alike: BTreeMap<String, Vec<(&str, Vec<Written>)>> = BTreeMap::new();
         for name in names {
             let numbers = written(name);
-            let (mut template, mut at) = (String::new(), 0);
-            for number in &numbers {
-                template.push_str(&name[at..number.signs]);
-                template.push('\0');
-                at = number.end;
-            }
-            template.push_str(&name[at..]);
-            alike.entry(folded(&template)).or_default().push((name, numbers));
+            alike.entry(template(name, &numbers)).or_default().push((name, numbers));
         }
         let mut columns: Vec<Column> = Vec::new();
         for names in alike.values() {
@@ -129,6 +122,22 @@ impl Notation {
         }
         out
     }
+}
+
+/// A name with `\0` in place of each number, its sign and its decimals.
+pub(super) fn without_numbers(name: &str) -> String {
+    template(name, &written(name))
+}
+
+fn template(name: &str, numbers: &[Written]) -> String {
+    let (mut template, mut at) = (String::new(), 0);
+    for number in numbers {
+        template.push_str(&name[at..number.signs]);
+        template.push('\0');
+        at = number.end;
+    }
+    template.push_str(&name[at..]);
+    folded(&template)
 }
 
 /// The numbers in a name with all that may belong to them.

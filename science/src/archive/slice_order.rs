@@ -178,6 +178,6 @@ fn restarted(names: &[&str], reading: &Reading, is_overruled: bool) -> Option<Wa
 
 fn copied(names: &[&str]) -> Option<Warning> {
     let clause = copies::copied(names)?;
-    let detail = format!("{clause}; check that no slice is in the zip twice");
+    let detail = format!("{clause}; check that the zip has each slice once, and nothing else");
     Some(Warning::new(WarningCode::CopiedFileName, detail))
 }

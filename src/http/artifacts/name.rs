@@ -24,7 +24,7 @@ use crate::{
     },
     store::Job,
 };
-use pinstack_science::types::text::composed;
+use pinstack_science::types::text::{composed, not_a_device};
 
 /// Characters that RFC 8187 allows unencoded in `filename*`.
 const ATTR_CHAR: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~');
@@ -88,7 +88,7 @@ fn tidy(text: &str) -> String {
         .take(MAX_STEM)
         .map(|c| if c.is_alphanumeric() || "._-+".contains(c) { c } else { '_' })
         .collect();
-    replaced.trim_matches(['.', '_']).to_owned()
+    not_a_device(replaced.trim_matches(['.', '_']))
 }
 
 /// `Content-Disposition: inline` (RFC 6266), with an ASCII name and, where they differ, the exact name in UTF-8.
@@ -124,6 +124,7 @@ mod tests {
         assert_eq!(tidy("Carabus violaceus / left \"1\""), "Carabus_violaceus___left__1");
         assert_eq!(tidy("..\\..\\x"), "x");
         assert_eq!(tidy("   "), "");
+        assert_eq!(["CON", "nul.txt"].map(tidy), ["_CON", "_nul.txt"], "Windows cannot write these");
     }
 
     #[test]

@@ -204,7 +204,15 @@ impl<T: Numbered> Conditional<T> {
             Some(number) => format!("is at {} {number}", T::NUMBER),
             None => "does not exist".to_owned(),
         };
-        let detail = format!("{subject} {now}, which does not satisfy {header}; read the {kind} again and retry");
+        let is_weak = |tags: &Tags| current.is_some_and(|number| tags.contains(&number.to_string()));
+        let advice = match self.wanted.as_ref().is_some_and(is_weak) {
+            // RFC 9110, section 13.1.1, wants a strong comparison
+            true => {
+                "its ETag is weak (W/) because a proxy compressed it on the way: send the ETag without W/".to_owned()
+            }
+            false => format!("read the {kind} again and retry"),
+        };
+        let detail = format!("{subject} {now}, which does not satisfy {header}; {advice}");
         ApiError::new(Code::PreconditionFailed, detail)
     }
 

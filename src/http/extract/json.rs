@@ -78,11 +78,21 @@ pub fn require_json(headers: &HeaderMap) -> Result<(), ApiError> {
     Err(ApiError::new(Code::UnsupportedMediaType, detail))
 }
 
+/// The text without the byte order mark that PowerShell and Notepad put before UTF-8 (RFC 8259, 8.1, allows parsers to
+/// ignore it).
+pub fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes)
+}
+
 /// Parses JSON into a type.
 ///
 /// # Errors
 /// `invalid_request` for text that is not JSON; the code `shape` for JSON of another structure, with its JSON pointer.
 pub fn parse<T: DeserializeOwned>(bytes: &[u8], shape: Code) -> Result<T, Fault> {
+    let bytes = without_mark(bytes);
+    if matches!(bytes, [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..] | [_, 0, ..] | [0, _, ..]) {
+        return Err(Fault::new(Code::InvalidRequest, "the body is UTF-16 text; save it as UTF-8"));
+    }
     // a parsed value takes 16 times the memory of its text "0,"
     let values = bytes.iter().filter(|byte| matches!(byte, b',' | b'[' | b'{')).count();
     if values > MAX_JSON_VALUES {
@@ -188,6 +198,22 @@ mod tests {
             let told = fault(text);
             assert_eq!(told.code, Code::InvalidRequest, "{text}");
             assert!(told.detail.starts_with("the body is not JSON"), "{told:?}");
+        }
+    }
+
+    #[test]
+    fn json_with_a_byte_order_mark_is_read_and_utf_16_is_named() {
+        let whole = |text: &str| parse::<Vec<u8>>(text.as_bytes(), Code::InvalidRequest);
+        assert_eq!(whole("\u{feff}[1, 2]"), Ok(vec![1, 2]));
+        let utf16 = |order: fn(u16) -> [u8; 2]| "[1]".encode_utf16().flat_map(order).collect::<Vec<u8>>();
+        for bytes in
+            [utf16(u16::to_le_bytes), utf16(u16::to_be_bytes), [&[0xFF, 0xFE][..], &utf16(u16::to_le_bytes)].concat()]
+        {
+            let told = parse::<Vec<u8>>(&bytes, Code::InvalidRequest).expect_err("not UTF-8");
+            assert_eq!(
+                (told.code, told.detail.as_str()),
+                (Code::InvalidRequest, "the body is UTF-16 text; save it as UTF-8")
+            );
         }
     }
 

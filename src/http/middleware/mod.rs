@@ -11,3 +11,4 @@ pub mod request_id;
 pub mod security;
 pub mod slot;
 pub mod trace;
+pub mod whole;

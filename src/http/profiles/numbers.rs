@@ -68,7 +68,7 @@ pub fn kind(headers: &HeaderMap) -> ApiResult<Kind> {
 /// `invalid_profile` for numbers that cannot be a profile; `invalid_request` for parameters that are invalid or do not
 /// apply to this kind of body, and for invalid JSON.
 pub fn read(kind: Kind, bytes: Vec<u8>, uri: &Uri) -> ApiResult<(ProfileInput, Vec<Warning>)> {
-    let first = bytes.iter().find(|byte| !byte.is_ascii_whitespace()).copied();
+    let first = json::without_mark(&bytes).iter().find(|byte| !byte.is_ascii_whitespace()).copied();
     let is_numpy = bytes.starts_with(npy::MAGIC) || bytes.starts_with(b"PK");
     let as_numpy = match kind {
         Kind::Json => false,

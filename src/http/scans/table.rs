@@ -25,7 +25,7 @@ use crate::{
 };
 use pinstack_science::{
     photogrammetry::outliers::ViewMeasurements,
-    types::{Warning, metrics::Metrics, text::composed, view::ViewAngles},
+    types::{Warning, metrics::Metrics, text, view::ViewAngles},
 };
 
 /// Stacks of a scan that are read; those beyond are older repetitions.
@@ -166,9 +166,11 @@ impl ViewStack {
         let rounded = |angle: f64| (angle * 1000.0).round() as i64;
         match (&self.label, self.pan_deg, self.tilt_deg) {
             (None, None, None) => ViewKey::Unnamed(self.origin),
-            (label, pan, tilt) => {
-                ViewKey::Named { label: label.as_deref().map(composed), pan: pan.map(rounded), tilt: tilt.map(rounded) }
-            }
+            (label, pan, tilt) => ViewKey::Named {
+                label: label.as_deref().map(text::composed),
+                pan: pan.map(rounded),
+                tilt: tilt.map(rounded),
+            },
         }
     }
 
@@ -332,14 +334,14 @@ const MAX_STEM: usize = 100;
 /// Replaces the characters that file systems, shells or reconstruction programs do not accept. Programs end the name of
 /// an image at its first dot, so there is none. Both normal forms of a text give one name.
 fn tidy(text: &str) -> String {
-    let replaced: String = composed(text)
+    let replaced: String = text::composed(text)
         .chars()
         .take(MAX_STEM)
         .map(|c| if c.is_ascii_alphanumeric() || "_-+".contains(c) { c } else { '_' })
         .collect();
     match replaced.trim_matches('_') {
         "" => "view".to_owned(),
-        tidy => tidy.to_owned(),
+        tidy => text::not_a_device(tidy),
     }
 }
 

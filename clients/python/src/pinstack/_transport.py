@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import time
-from typing import Any, AsyncIterator, Callable, Dict, Iterator, Optional, TypeVar
+from typing import Any, AsyncIterator, Callable, Dict, Iterator, Mapping, Optional, TypeVar
 from urllib.parse import urlsplit
+from urllib.request import getproxies, proxy_bypass
 
 import anyio
 import anyio.to_thread
@@ -26,9 +27,11 @@ SILENCE_S, WORK_S = 60.0, 900.0
 class Transport:
     """What both transports share."""
 
-    def __init__(self, url: Optional[str], token: Optional[str]) -> None:
+    def __init__(self, url: Optional[str], token: Optional[str], options: Mapping[str, Any]) -> None:
         self.url = (url or os.environ.get("PINSTACK_URL") or DEFAULT_URL).rstrip("/")
         _check_address(self.url)
+        #: Whether httpx takes the proxy of the environment.
+        self.trusts_environment = options.get("trust_env", True) and not {"transport", "proxy", "mounts"} & set(options)
         token = token or os.environ.get("PINSTACK_TOKEN") or None
         self.headers = {"user-agent": f"pinstack-python/{VERSION}"}
         if token is not None:
@@ -66,7 +69,12 @@ class Transport:
     def unreachable(self, error: Exception) -> Unreachable:
         """What a failure of httpx means."""
         reason = str(error) or type(error).__name__
-        return Unreachable(f"the service at {self.url} cannot be reached: {reason}")
+        proxy = _proxy(self.url) if self.trusts_environment else None
+        if proxy is not None:
+            host = urlsplit(self.url).hostname
+            reason = f"the proxy {proxy} of the environment; if {host} needs none, add it to NO_PROXY ({reason})"
+        by = "cannot be reached through" if proxy is not None else "cannot be reached:"
+        return Unreachable(f"the service at {self.url} {by} {reason}")
 
 
 def _check_address(url: str) -> None:
@@ -83,6 +91,16 @@ def _check_address(url: str) -> None:
     else:
         detail = f"the address '{url}' has no scheme; write http://{url}"
     raise PinstackError("invalid_source", detail)
+
+
+def _proxy(url: str) -> Optional[str]:
+    """The proxy of the environment for an address, without its password."""
+    parts = urlsplit(url)
+    proxies = getproxies()
+    proxy = proxies.get(parts.scheme) or proxies.get("all")
+    if not proxy or proxy_bypass(parts.netloc):
+        return None
+    return proxy.rsplit("@", 1)[-1].split("://", 1)[-1]
 
 
 def _length(body: Any) -> int:
@@ -115,7 +133,7 @@ class SyncTransport(Transport):
     """
 
     def __init__(self, url: Optional[str], token: Optional[str], **options: Any) -> None:
-        super().__init__(url, token)
+        super().__init__(url, token, options)
         self.sleep: Callable[[float], None] = time.sleep
         self.on_wait: Callable[[PinstackError, float], None] = lambda reason, seconds: None
         self._http = httpx.Client(headers=self.headers, **options)
@@ -170,7 +188,7 @@ class AsyncTransport(Transport):
     """Runs operations on an event loop (asyncio or trio). Files are read in threads."""
 
     def __init__(self, url: Optional[str], token: Optional[str], **options: Any) -> None:
-        super().__init__(url, token)
+        super().__init__(url, token, options)
         self._http = httpx.AsyncClient(headers=self.headers, **options)
 
     async def run(self, operation: Operation[T]) -> T:

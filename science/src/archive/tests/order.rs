@@ -191,6 +191,35 @@ fn copies_and_edits_are_named() {
 }
 
 #[test]
+fn a_picture_that_is_named_unlike_all_slices_is_told() {
+    for names in [
+        &["IMG_1.jpg", "IMG_2.jpg", "IMG_3.jpg", "output.jpg"][..],
+        &["IMG_1.jpg", "IMG_2.jpg", "IMG_3.jpg", "ZS PMax.jpg"],
+        &["z-0.5.tif", "z0.tif", "z0,5.tif", "2024-01-01 (A,Radius8,Smoothing4).tif"],
+        &["_DSC0009.jpg", "_DSC0010.jpg", "_DSC0011.jpg", "DSC0008 stacked.jpg"],
+    ] {
+        let all: Vec<String> = names.iter().map(|name| format!("front/{name}")).collect();
+        let odd = all.last().unwrap();
+        assert_eq!(copies(&all), [odd.as_str()], "{names:?}");
+        assert!(copied(&all).is_some_and(|clause| clause.starts_with(&format!("{odd} is named unlike"))), "{names:?}");
+        assert_eq!(ordered(names).1, ["copied_file_name"], "{names:?}");
+    }
+    for names in [
+        // a series that begins without a number
+        &["a.jpg", "a (1).jpg", "a (2).jpg", "a (3).jpg"][..],
+        &["burst.jpg", "burst_1.jpg", "burst_2.jpg", "burst_3.jpg"],
+        &["z-1.jpg", "z0.jpg", "z1.jpg", "z1.5.jpg"],
+        // too few, or no series
+        &["IMG_1.jpg", "IMG_2.jpg", "near.jpg"],
+        &["near.jpg", "middle.jpg", "far.jpg", "end.jpg"],
+        &["IMG_1.jpg", "IMG_2.jpg", "IMG_3.jpg", "x.jpg", "y.jpg"],
+    ] {
+        let all: Vec<String> = names.iter().map(|name| format!("front/{name}")).collect();
+        assert_eq!(copies(&all), [""; 0], "{names:?}");
+    }
+}
+
+#[test]
 fn a_stack_in_a_zip_is_in_the_order_of_its_names_and_times() {
     let archive = opened(&["front/z0.5.png", "front/z0.25.png", "front/z-0.5.png", "front/z0.png"]);
     assert_eq!(archive.layout().front, ["front/z-0.5.png", "front/z0.png", "front/z0.25.png", "front/z0.5.png"]);

@@ -154,10 +154,8 @@ pub(super) fn orientation(block: &[u8]) -> Option<u8> {
     let structure = Structure::of(block)?;
     let entries = structure.entries(structure.long_at(4)?);
     let found = entries.iter().find(|entry| entry.number == Tag::Orientation.number())?;
-    match structure.value(found) {
-        Value::Short(values) => values.first().map(|&value| orientation::sane(u32::from(value))),
-        _ => None,
-    }
+    // some phones and editors write another integer than the short that Exif wants, and viewers turn such pictures
+    structure.value(found).get_uint(0).map(orientation::sane)
 }
 
 /// When the picture was taken: the tag `DateTimeOriginal`, `YYYY:MM:DD hh:mm:ss`. `None` without a valid one.

@@ -3,9 +3,9 @@
 use std::io::{self, Cursor, Read, Seek};
 
 use ::tiff::{
-    ColorType, TiffError,
+    ColorType, TiffError, TiffUnsupportedError,
     decoder::{ChunkType, Decoder, DecodingResult, IfdDecoder, Limits as DecoderLimits},
-    tags::{SampleFormat, Tag},
+    tags::{PhotometricInterpretation, SampleFormat, Tag},
 };
 
 use super::{
@@ -43,8 +43,25 @@ const DATE_TIME_ORIGINAL: Tag = Tag::Unknown(0x9003);
 fn fault(error: &TiffError) -> ImageFault {
     match error {
         TiffError::IoError(error) => ImageFault::from_io(Format::Tiff, error),
-        TiffError::UnsupportedError(_) => ImageFault::unsupported("the TIFF has a feature that is not supported"),
+        TiffError::UnsupportedError(what) => ImageFault::unsupported(match unread_colours(what) {
+            Some(colours) => format!("the TIFF is {colours}"),
+            None => "the TIFF has a feature that is not supported".into(),
+        }),
         _ => ImageFault::damaged(Format::Tiff, "its tags or its data are not those of a TIFF"),
+    }
+}
+
+/// The name of a colour model that the decoder does not open.
+fn unread_colours(what: &TiffUnsupportedError) -> Option<&'static str> {
+    use TiffUnsupportedError::{InterpretationWithBits, UnsupportedInterpretation};
+    let (UnsupportedInterpretation(colours) | InterpretationWithBits(colours, _)) = what else { return None };
+    match *colours {
+        PhotometricInterpretation::RGBPalette => Some("a palette picture"),
+        PhotometricInterpretation::CIELab | PhotometricInterpretation::IccLab | PhotometricInterpretation::ItuLab => {
+            Some("Lab")
+        }
+        PhotometricInterpretation::YCbCr => Some("YCbCr"),
+        _ => None,
     }
 }
 

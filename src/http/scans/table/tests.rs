@@ -102,3 +102,9 @@ fn an_unnamed_view_keeps_its_name_when_it_is_fused_again() {
     assert_eq!(view.others.len(), 2);
     assert!(name[0].starts_with("stack_7_"), "{name:?}");
 }
+
+#[test]
+fn a_label_that_windows_cannot_write_as_a_file_gets_another_name() {
+    let stacks = ["Con", "lpt1", "console"].map(|label| stack(Some(label), None, None));
+    assert_eq!(stems(stacks.into()), ["_Con", "_lpt1", "console"]);
+}

@@ -177,11 +177,13 @@ def load(file: Optional[Path], given: Mapping[str, Any], environment: Mapping[st
 
 def _read(file: Path) -> Dict[str, Any]:
     try:
-        with on_disk(file).open("rb") as text:
-            return tomllib.load(text)
+        # Notepad and PowerShell write a byte order mark before UTF-8
+        return tomllib.loads(on_disk(file).read_text("utf-8-sig"))
     except OSError as error:
         raise _wrong(f"the settings {file} cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise _wrong(f"the settings {file} are not in UTF-8 (byte {error.start}); save the file as UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
         raise _wrong(f"the settings {file} are not valid TOML: {error}") from error
 
 

@@ -102,6 +102,17 @@ fn colours_that_would_come_out_wrong_are_refused() {
     encoder.write_image::<::tiff::encoder::colortype::CMYK8>(4, 4, &[9; 64]).unwrap();
     assert!(decoded(&out.into_inner()).unwrap_err().to_string().contains("CMYK"));
 
+    // another PhotometricInterpretation (262): palette, Lab
+    for (interpretation, named) in [(3, "a palette picture"), (8, "Lab"), (9, "Lab"), (10, "Lab")] {
+        let mut out = Cursor::new(Vec::new());
+        let mut encoder = ::tiff::encoder::TiffEncoder::new(&mut out).unwrap();
+        encoder.write_image::<::tiff::encoder::colortype::RGB8>(4, 4, &[9; 48]).unwrap();
+        let mut tiff = out.into_inner();
+        let entry = tiff.windows(8).position(|entry| entry == [6, 1, 3, 0, 1, 0, 0, 0]).unwrap();
+        tiff[entry + 8] = interpretation;
+        assert!(decoded(&tiff).unwrap_err().to_string().contains(named), "{interpretation}");
+    }
+
     let mut out = Cursor::new(Vec::new());
     let mut encoder = ::tiff::encoder::TiffEncoder::new(&mut out).unwrap();
     encoder.write_image::<::tiff::encoder::colortype::Gray32Float>(4, 4, &[0.5; 16]).unwrap();

@@ -1,5 +1,6 @@
 //! CSV with a header: `name`, `x`, `y`, `z`, and perhaps `pan_deg` and `tilt_deg`, in any order; comma, semicolon or
-//! tab. A row without a position is a view that was not registered.
+//! tab, with decimal commas where commas do not separate. `alt` is the `z` of RealityCapture. A row without a position
+//! is a view that was not registered.
 
 use std::io::{self, Read};
 
@@ -14,7 +15,7 @@ const COLUMNS: [(&str, &[&str]); 6] = [
     ("name", &["name", "label", "image", "filename", "file"]),
     ("x", &["x", "cx", "center_x", "centre_x"]),
     ("y", &["y", "cy", "center_y", "centre_y"]),
-    ("z", &["z", "cz", "center_z", "centre_z"]),
+    ("z", &["z", "cz", "center_z", "centre_z", "alt"]),
     ("pan_deg", &["pan_deg", "pan"]),
     ("tilt_deg", &["tilt_deg", "tilt"]),
 ];
@@ -82,7 +83,9 @@ pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
             if text.is_empty() {
                 return Ok(None);
             }
-            let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
+            // where commas separate nothing, one is a decimal comma
+            let number = if delimiter == b',' { text.to_owned() } else { text.replacen(',', ".", 1) };
+            let value = number.parse::<f64>().ok().filter(|value| value.is_finite());
             let detail = || invalid(format!("line {line}: {} is '{}', not a number", COLUMNS[at].0, shown(text)));
             value.map(Some).ok_or_else(detail)
         };

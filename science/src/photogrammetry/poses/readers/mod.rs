@@ -49,6 +49,9 @@ pub fn read(bytes: &[u8], format: Option<PoseFormat>) -> Result<PoseFile, Error>
 /// Finds the format of a file from its content.
 fn detect(bytes: &[u8]) -> Result<PoseFormat, Error> {
     refuse_utf16(bytes)?;
+    if [b"\x1F\x8B".as_slice(), b"PK\x03\x04"].iter().any(|magic| bytes.starts_with(magic)) {
+        return Err(invalid("the file is compressed (gzip or zip); unpack it, and send the file of the poses itself"));
+    }
     let head = &bytes[..bytes.len().min(1 << 16)];
     if head.contains(&0) {
         return Ok(PoseFormat::ColmapBinary);

@@ -181,6 +181,30 @@ fn a_csv_may_bring_its_angles_and_names_the_line_that_is_wrong() {
 }
 
 #[test]
+fn a_csv_may_have_decimal_commas_and_the_columns_of_realitycapture() {
+    let told = |text: &str| read(text.as_bytes(), None).map(|found| found.poses[0].centre);
+    for text in [
+        "name;x;y;z\na.png;1,5;-0,25;3\n",
+        "name\tx\ty\tz\na.png\t1,5\t-0,25\t3\n",
+        "#name,x,y,alt,heading,pitch,roll\na.png,1.5,-0.25,3,0,0,0\n",
+    ] {
+        assert_eq!(told(text).expect("poses"), [1.5, -0.25, 3.0], "{text}");
+    }
+    let error = told("name;x;y;z\na.png;1.234,5;0;3\n").expect_err("two points");
+    assert_eq!(error.detail, "line 2: x is '1.234,5', not a number");
+    // commas separate here
+    assert!(told("name,x,y,z\na.png,1,5,2,5,3\n").is_ok_and(|centre| centre == [1.0, 5.0, 2.0]));
+}
+
+#[test]
+fn a_compressed_file_is_named() {
+    for magic in [&b"\x1F\x8B\x08\0\0\0"[..], b"PK\x03\x04\x14\0\0\0"] {
+        let error = read(magic, None).expect_err("compressed");
+        assert!(error.detail.starts_with("the file is compressed (gzip or zip); unpack it"), "{error}");
+    }
+}
+
+#[test]
 fn a_name_that_is_not_utf8_is_refused_with_its_image() {
     let named = |name: &[u8]| {
         let numbers = [1.0_f64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0].map(f64::to_le_bytes).concat();
