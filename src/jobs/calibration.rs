@@ -77,7 +77,6 @@ pub fn run(
         warnings: Vec::new(),
     });
     let mut warnings = archive.warnings().to_vec();
-    warnings.extend(archive.front().damaged());
     if draft.is_none() {
         warnings.push(Warning::new(WarningCode::ProfileNotKept, not_kept(keep)));
     }

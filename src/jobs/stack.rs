@@ -24,7 +24,7 @@ use crate::contract::{
     request::StackRequest,
 };
 use pinstack_science::{
-    archive::{ArchiveLimits, ArchivedSlices, StackArchive},
+    archive::{ArchiveLimits, StackArchive},
     fusion::{self, Fused, FusionRequest, Plan},
     imaging::{
         Slices,
@@ -129,7 +129,6 @@ pub fn run(
     warnings.extend_from_slice(&front.warnings);
     diagnosis::examine(&front.image, back_light.as_ref(), options.mask, &control, &mut warnings)?;
     warnings.extend(input_bits::warning(&[&front_slices, &back_slices]));
-    warnings.extend([archive.front(), archive.back()].into_iter().filter_map(ArchivedSlices::damaged));
     times.end("fusing");
 
     // artifacts

@@ -1,11 +1,9 @@
 //! Slices that are loaded from the zip on demand.
 
-use std::{collections::HashMap, sync::OnceLock};
-
-use super::{container::Container, limits::ArchiveLimits, members::Member, messages::listed};
+use super::{container::Container, limits::ArchiveLimits, members::Member};
 use crate::{
     imaging::{Raster, Slices, codec::Header},
-    types::{Error, ErrorKind, Warning, WarningCode},
+    types::{Error, ErrorKind},
 };
 
 /// The slices of one light. Each [`Slices::load`] opens its own reader, so several threads can load in parallel.
@@ -16,14 +14,11 @@ pub struct ArchivedSlices {
     limits: ArchiveLimits,
     /// Width and height of every slice, px.
     size: Option<(usize, usize)>,
-    /// For each member of the zip whose picture was decoded, by its index there: whether its data seem to be damaged.
-    damaged: HashMap<usize, OnceLock<bool>>,
 }
 
 impl ArchivedSlices {
     pub(super) fn new(container: Container, members: Vec<Member>, limits: ArchiveLimits) -> Self {
-        let damaged = members.iter().map(|member| (member.index, OnceLock::new())).collect();
-        Self { container, members, limits, size: None, damaged }
+        Self { container, members, limits, size: None }
     }
 
     /// The same, with the size that all headers declare.
@@ -59,20 +54,6 @@ impl ArchivedSlices {
         self
     }
 
-    /// A warning that names the decoded slices whose picture data seem to be damaged. Where most are so, the camera
-    /// writes its files that way.
-    pub fn damaged(&self) -> Option<Warning> {
-        let is_damaged = |member: &&Member| self.damaged.get(&member.index).and_then(OnceLock::get) == Some(&true);
-        let names: Vec<&str> = self.members.iter().filter(is_damaged).map(|member| member.name.as_str()).collect();
-        let detail = format!(
-            "the picture data of some slices do not end with the picture, as after damage on a card or a cable: {}; look \
-             for shifted or discoloured parts, and copy these files again from the camera",
-            listed(names.iter().copied())
-        );
-        (!names.is_empty() && names.len() * 2 < self.members.len())
-            .then(|| Warning::new(WarningCode::DamagedPicture, detail))
-    }
-
     /// The bytes of the file of slice `index`. The CRC is checked.
     ///
     /// # Errors
@@ -102,10 +83,7 @@ impl Slices for ArchivedSlices {
     }
 
     fn load_into(&self, index: usize, buffer: Vec<u8>) -> Result<Raster, Error> {
-        let member = self.member(index)?;
-        let seen = OnceLock::new();
-        let is_damaged = self.damaged.get(&member.index).unwrap_or(&seen);
-        let decoded = self.container.decode(member, &self.limits, buffer, is_damaged);
+        let decoded = self.container.decode(self.member(index)?, &self.limits, buffer);
         let raster = decoded.map_err(|error| at_slice(error, index))?;
         let name = self.name(index);
         let size = (raster.width, raster.height);

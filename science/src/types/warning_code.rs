@@ -55,7 +55,6 @@ codes! {
     MixedColourSpaces "mixed_colour_spaces"
     UnknownColourSpace "unknown_colour_space"
     OrientationUnknown "orientation_unknown"
-    DamagedPicture "damaged_picture"
     ViewsDiffer "views_differ"
     BackLightIgnored "back_light_ignored"
     // the calibration

@@ -1,9 +1,6 @@
 //! Decodes the picture in a member.
 
-use std::{
-    io::{self, BufReader, Read},
-    sync::OnceLock,
-};
+use std::io::{self, BufReader, Read};
 
 use super::{Container, damaged, not_decompressed};
 use crate::{
@@ -21,25 +18,16 @@ impl Container {
     ///
     /// A PNG or TIFF that is stored without compression is read while it is decoded: with 16 bits a file is as large as
     /// its picture, and need not be in memory beside it.
-    ///
-    /// `is_damaged` is set once for a picture that decodes: whether its data seem to be damaged.
     pub(in crate::archive) fn decode(
         &self,
         member: &Member,
         limits: &ArchiveLimits,
         buffer: Vec<u8>,
-        is_damaged: &OnceLock<bool>,
     ) -> Result<Raster, Error> {
-        self.failure.explain(self.decode_member(member, limits, buffer, is_damaged))
+        self.failure.explain(self.decode_member(member, limits, buffer))
     }
 
-    fn decode_member(
-        &self,
-        member: &Member,
-        limits: &ArchiveLimits,
-        buffer: Vec<u8>,
-        is_damaged: &OnceLock<bool>,
-    ) -> Result<Raster, Error> {
+    fn decode_member(&self, member: &Member, limits: &ArchiveLimits, buffer: Vec<u8>) -> Result<Raster, Error> {
         self.refuse_unreadable(member, limits)?;
         let picture_error = |fault: ImageFault| fault.in_file(&member.name, None);
         let mut zip = self.zip.clone();
@@ -54,9 +42,7 @@ impl Container {
                 return Ok(raster);
             }
         }
-        let bytes = self.read_whole(member, limits)?;
-        is_damaged.get_or_init(|| codec::is_damaged(&bytes));
-        codec::decode_into(bytes, &limits.image, buffer).map_err(picture_error)
+        codec::decode_into(self.read_whole(member, limits)?, &limits.image, buffer).map_err(picture_error)
     }
 
     /// Reads a member to its end, for its size and its CRC.

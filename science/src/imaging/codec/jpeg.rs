@@ -3,9 +3,8 @@
 //! The decoder shows truncated pictures as well as it can, which is wrong for measurements. So this module checks
 //! first: a file without an end marker is truncated; the scan is decoded with an undecodable tail, so that a short scan
 //! is an error instead of a grey area; a progressive picture must have all scans, down to the last bit of every
-//! coefficient. Damage within the data, which still decodes, is found by [`entropy`] alone.
+//! coefficient.
 
-pub(super) mod entropy;
 pub(super) mod guarded;
 mod scans;
 
@@ -45,10 +44,6 @@ const PROGRESSIVE: u8 = 0xC2;
 /// Marker of the frame header of JPEG-LS, which is another format.
 const JPEG_LS: u8 = 0xF7;
 
-/// Marker of Huffman tables, and of the restart interval.
-const DHT: u8 = 0xC4;
-const DRI: u8 = 0xDD;
-
 const SOI: u8 = 0xD8;
 const APP1: u8 = 0xE1;
 const APP2: u8 = 0xE2;
@@ -66,12 +61,8 @@ struct Head {
     components: Vec<u8>,
     /// Sampling factors of the components along x and y.
     sampling: Vec<[u8; 2]>,
-    /// Header of the first scan: number of components, then identifier and tables of each.
-    scan: Vec<u8>,
-    /// Segments of Huffman tables.
-    tables: Vec<Vec<u8>>,
-    /// MCUs between two restart markers, 0 without.
-    interval: u16,
+    /// Components in the first scan.
+    scanned: u8,
     jfif: bool,
     /// Colour transform of the Adobe marker.
     adobe: Option<u8>,
@@ -135,10 +126,8 @@ impl Head {
                 if self.process == 0 {
                     return Err(damaged("no frame header before the scan"));
                 }
-                self.scan = segment;
+                self.scanned = segment.first().copied().unwrap_or(0);
             }
-            DHT => self.tables.push(segment),
-            DRI => self.interval = segment.first_chunk().map_or(0, |bytes| u16::from_be_bytes(*bytes)),
             0xE0 if segment.starts_with(b"JFIF\0") => self.jfif = true,
             APP1 => {
                 if let Some(block) = segment.strip_prefix(b"Exif\0\0")
@@ -179,9 +168,7 @@ impl Head {
             other => return Err(ImageFault::unsupported(format!("the JPEG has {} colour components", other.len()))),
         };
         // the decoder loses the last row of blocks of such files
-        if self.process != PROGRESSIVE
-            && self.scan.first().map(|&count| usize::from(count)) != Some(self.components.len())
-        {
+        if self.process != PROGRESSIVE && usize::from(self.scanned) != self.components.len() {
             return Err(ImageFault::unsupported("the JPEG is stored colour by colour (not interleaved)"));
         }
         if !self.is_sampling_supported() {

@@ -99,16 +99,6 @@ fn decode_any(bytes: Cow<'_, [u8]>, limits: &Limits, buffer: Vec<u8>) -> Result<
     Ok(orientation::apply(raster, orientation))
 }
 
-/// True for a JPEG that decodes although its picture data were damaged: they do not end where its last block does. So
-/// do files of some scanners, drones and webcams, which are whole. Not every damage shows.
-pub fn is_damaged(bytes: &[u8]) -> bool {
-    let damaged = |format| match format {
-        Format::Jpeg => catch_panic(format, || Ok(jpeg::entropy::is_damaged(bytes))).unwrap_or(false),
-        Format::Png | Format::Tiff => false,
-    };
-    sniff::format_of(&mut Cursor::new(bytes)).is_ok_and(damaged)
-}
-
 /// The same as [`decode`] for a file of `length` bytes that is read while it is decoded, so that it is never in memory
 /// as a whole. `None` for formats that are only decoded from memory (JPEG). `reader` is at the start of the file; it
 /// seeks, so it should not be slow at that.

@@ -141,24 +141,3 @@ fn what_the_profile_knows_of_the_camera_stands_beside_the_image() {
     };
     assert_eq!(outcome.image.intrinsics, Some(expected));
 }
-
-#[test]
-fn a_slice_with_damaged_picture_data_is_named_unless_most_are_so() {
-    let stacked = |is_damaged: fn(usize) -> bool| {
-        let slices = stack().front.iter().enumerate().map(|(at, slice)| {
-            let mut bytes = codec::encode_jpeg(slice, 90);
-            if is_damaged(at) {
-                // a block is missing in the middle, as it were
-                bytes.splice(bytes.len() - 2..bytes.len() - 2, [0x12, 0x34, 0x56]);
-            }
-            (format!("front/img_{at}.jpg"), bytes)
-        });
-        let (output, _) = done(&TestJob::stack(&zip(slices.collect()), options()));
-        let of_code = |warning: &Warning| warning.code == WarningCode::DamagedPicture;
-        output.warnings.into_iter().find(of_code).map(|warning| warning.detail)
-    };
-    assert_eq!(stacked(|_| false), None);
-    let told = stacked(|at| at == 2).expect("a warning");
-    assert!(told.contains("front/img_2.jpg") && !told.contains("img_1"), "{told}");
-    assert_eq!(stacked(|_| true), None, "some cameras write such files");
-}
