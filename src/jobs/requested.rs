@@ -34,8 +34,8 @@ pub(super) fn archive(
     Ok(in_order(archive::open_shared(zip, limits)?, options))
 }
 
-/// As [`archive()`]; where names and times of capture disagree, the pictures are asked, for which every slice is decoded
-/// once more.
+/// As [`archive()`]; where names and times of capture disagree, the pictures are asked, for which every slice is
+/// decoded once more.
 ///
 /// # Errors
 /// As [`archive()`]. [`ErrorKind::InvalidArchive`] when the pictures agree with the witness that was overruled.

@@ -159,8 +159,8 @@ impl Corridors {
     }
 }
 
-/// Median of the changes of the means of the lines, without slow ones, in the median part of the image. Dirt changes few
-/// lines.
+/// Median of the changes of the means of the lines, without slow ones, in the median part of the image. Dirt changes
+/// few lines.
 fn ripple(parts: &[Lines], pitch: f64, min_samples: f64) -> Option<f64> {
     let reach = (0.5 * SLOW * pitch).round() as usize;
     let mut medians = Vec::new();

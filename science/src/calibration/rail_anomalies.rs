@@ -52,7 +52,8 @@ pub(super) enum RailAnomaly {
         /// Its distance from the line.
         by: Jump,
     },
-    /// The dots of a single slice contradict the transform model of the others: it is tilted, turned or stretched alone.
+    /// The dots of a single slice contradict the transform model of the others: it is tilted, turned or stretched
+    /// alone.
     Different {
         /// The slice.
         slice: usize,

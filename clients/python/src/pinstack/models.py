@@ -244,6 +244,16 @@ class Finding(TypedDict):
     slices: NotRequired[List[int]]
 
 
+class FocalLengthReport(TypedDict):
+    """The focal length of a reconstruction against the principal distance of the camera."""
+
+    camera_px: float
+    camera_sigma_px: NotRequired[Optional[float]]
+    difference_percent: float
+    reconstruction_px: float
+    reconstruction_sigma_px: NotRequired[Optional[float]]
+
+
 class FocusMetrics(TypedDict):
     """Coverage in depth."""
 
@@ -421,8 +431,9 @@ class PoseReport(TypedDict):
     duplicates: List[str]
     expected: NotRequired[Optional[int]]
     findings: List[Warning]
+    focal_length: NotRequired[Optional[FocalLengthReport]]
     format: PoseFormat
-    not_checked: NotRequired[str]
+    not_checked: NotRequired[Optional[str]]
     not_registered: List[str]
     pan_is_clockwise: NotRequired[Optional[bool]]
     pan_steps: NotRequired[Optional[StepReport]]
@@ -798,6 +809,7 @@ class StackLayout(TypedDict):
     front: List[str]
     height: int
     largest_file_bytes: NotRequired[int]
+    moved: NotRequired[List[str]]
     orientation: NotRequired[int]
     width: int
 

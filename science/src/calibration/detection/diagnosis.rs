@@ -103,7 +103,8 @@ fn is_striped(plane: &Plane<f32>) -> bool {
     let (width, height) = (plane.width, plane.height);
     let at = |x: usize, y: usize| f64::from(plane.at(x, y));
     let (rows, columns) = (whites(&|y, x| at(x, y), height, width), whites(&|x, y| at(x, y), width, height));
-    // what is left in the other direction without them: between the rows of dots, a column shows one part of the stripes
+    // what is left in the other direction without them: between the rows of dots, a column shows one part of the
+    // stripes
     let across_rows = whites(&|x, y| at(x, y) / rows[y].max(1.0), width, height);
     let across_columns = whites(&|y, x| at(x, y) / columns[x].max(1.0), height, width);
     let is_striped = |lines: &[f64], across: &[f64]| {

@@ -15,8 +15,8 @@ fn jumps(by: Jump) -> String {
     }
 }
 
-/// Largest distance of an image corner from that of the reference slice in a stack that does not move, px; three standard
-/// deviations where they are more.
+/// Largest distance of an image corner from that of the reference slice in a stack that does not move, px; three
+/// standard deviations where they are more.
 const STILL: f64 = 0.1;
 /// Least modulation, as a share of the strongest, in a stack whose blur does not change.
 const AS_SHARP: f64 = 0.97;

@@ -8,8 +8,8 @@ use crate::calibration::transform_models::TransformModel;
 use crate::types::calibration_options::ModelChoice;
 
 /// Estimates all slices under every model and selects one. Returns it with its estimates; `None` where there is neither
-/// a measurement nor a rail law. A few slices that contradict the model at the corners take part neither in its selection
-/// nor in the rail law: they are marked in `setting`, and estimated by their own dots.
+/// a measurement nor a rail law. A few slices that contradict the model at the corners take part neither in its
+/// selection nor in the rail law: they are marked in `setting`, and estimated by their own dots.
 pub(super) fn select(
     inliers: &[Inliers],
     setting: &mut Setting,
