@@ -42,10 +42,10 @@ def test_a_moved_target_is_sent_with_the_slices(client: Client, zips: Path, tmp_
         target.extractall(tmp_path / "target")
     # the sensor is farther away in the first slice, so its dots are larger, as those of a target that is nearer
     larger = min((tmp_path / "target").iterdir())
-    numbers = {"pixel_pitch_mm": 24 / 420, "target_pitch_mm": 1.19, "rail_step_mm": 1.95, "target_advance_mm": 4}
-    calibration = client.calibrate("bench-2", "macro65", tmp_path / "target", moved=larger, **numbers)
+    numbers = {"pixel_pitch_mm": 24 / 420, "target_pitch_mm": 1.19, "target_advance_mm": 4}
+    calibration = client.calibrate("bench-3", "macro65", tmp_path / "target", moved=larger, **numbers)
     assert calibration["state"] == "succeeded"
-    assert b"measured with the moved target" in client.calibration_report(calibration["id"])
+    assert client.get_profile("bench-3", "macro65")["principal_distance_source"] == "moved_target"
 
 
 def test_a_folder_is_fused_and_the_results_are_arrays(

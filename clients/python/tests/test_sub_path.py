@@ -19,4 +19,4 @@ from pinstack._transport import Transport
     ],
 )
 def test_links_lead_to_the_service_with_and_without_the_sub_path(address: str, path: str, url: str) -> None:
-    assert Transport(address, None).address(path) == url
+    assert Transport(address, None, {}).address(path) == url
