@@ -1,7 +1,7 @@
 //! Faults in random order while clients send stacks all the time. Every request must be answered, and after the last
 //! fault every accepted stack ends within a minute, with the bytes that it always has.
 //!
-//! `PINSTACK_TEST_FAULTS_S` sets how long faults come, in seconds. The seed of their order is printed, and
+//! `PINSTACK_TEST_FAULTS` sets how long faults come, in seconds. The seed of their order is printed, and
 //! `PINSTACK_TEST_FAULTS_SEED` sets it.
 
 use std::{
@@ -23,7 +23,7 @@ use crate::{
 };
 
 const CLIENTS: usize = 3;
-/// Default of `PINSTACK_TEST_FAULTS_S`.
+/// Default of `PINSTACK_TEST_FAULTS`.
 const SECONDS: u64 = 8;
 /// Longest time from the end of the last fault to the end of the last stack: a minute, and the pause of a minute before
 /// the third attempt of a stack.
@@ -155,7 +155,7 @@ impl Load {
     /// Runs the clients while faults come. `fault` begins one of the faults by its number, and ends the one before.
     async fn survive(&self, kinds: u64, mut fault: impl FnMut(Option<u64>)) {
         let mut random = Random::start();
-        let end = Instant::now() + Duration::from_secs(number("PINSTACK_TEST_FAULTS_S").unwrap_or(SECONDS));
+        let end = Instant::now() + Duration::from_secs(number("PINSTACK_TEST_FAULTS").unwrap_or(SECONDS));
         let mut count = 0;
         let faults = async {
             while Instant::now() < end {
