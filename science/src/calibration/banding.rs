@@ -11,7 +11,8 @@
 //! Rows and columns are compared in each ninth of the image: where one end of a tilted target is blurred more, the dots
 //! differ from the rendered ones in rows and columns alike. Stripes are everywhere.
 //!
-//! A lamp that flickers does so in every slice. So stripes that are too weak to be told in one slice are told in all.
+//! A lamp that flickers does so in every slice. So stripes that are too weak for one slice are found by the median of
+//! all.
 
 use super::lattice::Places;
 use super::{dlt, radial_profile::RadialProfile, statistics::median};
@@ -58,8 +59,8 @@ pub(super) struct Contrast<'a> {
 /// Sum and number of samples of each line.
 type Lines = Vec<[f64; 2]>;
 
-/// Median of the changes of the light from row to row, and from column to column, as shares of the light: of stripes
-/// `sqrt(1/2)` of the amplitude.
+/// How much the light changes from row to row, and from column to column: medians, as shares of the light. For stripes
+/// it is `sqrt(1/2)` of their amplitude.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ripple {
     rows: f64,
@@ -95,7 +96,7 @@ pub(super) fn stripes(slices: &[Option<Ripple>]) -> Vec<Option<f64>> {
 }
 
 impl Contrast<'_> {
-    /// `None` when too little of the target is seen.
+    /// The changes of the light; `None` when too little of the target is seen.
     pub(super) fn ripple(&self) -> Option<Ripple> {
         let corridors = Corridors::of(self);
         let in_corridors = corridors.is_some();
