@@ -74,7 +74,8 @@ impl RailState {
         }
         if let (Some(positions_by_scale), false) = (&positions_by_scale, anomalies.is_empty() || given.is_some()) {
             positions = filled(positions_by_scale, &positions);
-            coordinates = relative(&positions, reference);
+            let straight = |z: f64| bend.map_or(z, |law| law.straight(z));
+            coordinates = relative(&positions, reference).into_iter().map(straight).collect();
         }
         let motion = |o: &OwnEstimate| [o.free[2], o.free[3], o.free[1]].map(|v| v * half);
         let motions: Vec<Option<[f64; 3]>> = own.iter().map(|o| o.as_ref().map(motion)).collect();

@@ -157,3 +157,21 @@ fn slices_that_show_no_dots_are_predicted_whatever_moves() {
         }
     }
 }
+
+#[test]
+fn a_slice_without_dots_is_predicted_where_the_camera_took_a_longer_step() {
+    let (rig, target) = with_target(breathing(1.0, CaptureMode::MovingLens, 0.08));
+    let mut slices = target_stack(&rig, &target);
+    slices[0] = crate::imaging::Raster::eight(rig.width, rig.height, 1, vec![150; rig.width * rig.height]);
+    slices.remove(6);
+    let options = CalibrationOptions {
+        capture_mode: Some(CaptureMode::MovingLens),
+        reference_index: Some(4),
+        ..CalibrationOptions::default()
+    };
+    let calibration = calibrate(&&slices[..], &options, &NoControl).expect("a calibration");
+    let first = &calibration.slices[0];
+    let error = first.homography.corner_distance(&rig.homography(0), 480, 360);
+    let sigma = first.corner_sigma_px.expect("known");
+    assert!(first.interpolated && error < 0.3_f64.max(3.0 * sigma), "{error} px, told {sigma}");
+}
