@@ -1,7 +1,9 @@
 //! What fusing a stack costs, stage by stage, beside what decoding its slices costs alone: `cargo bench --bench stack
-//! -- [--quick | --large] [--only typical|dense|sixteen] [--slices N] [--threads N] [--no-enfuse] [--zip FILE]`.
-//! `--quick` leaves out the large pictures, `--large` the small ones; `--zip` measures a stack of your own instead, one
-//! light, as if its slices were aligned and the first in focus nearest to the camera.
+//! -- [--quick | --large] [--only NAME] [--slices N] [--threads N] [--no-enfuse] [--zip FILE] [--photographs FOLDER]`.
+//! `--quick` leaves out the large pictures, `--large` the small ones, `--only` all but one of `typical`, `dense` and
+//! `sixteen`; `--zip` measures a stack of your own instead, one light, as if its slices were aligned and the first in
+//! focus nearest to the camera. `--photographs FOLDER` measures the photographed stacks in the folder, or that of
+//! `--only`, aligned by profiles that are stored beside this bench.
 //! `METHOD=NAME` in the environment says by which method slices are fused.
 //!
 //! Each row of the table is a process of its own, so that its peak of memory is its own. CPU time counts, not wall
@@ -19,7 +21,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use stack::{Case, Cost, FRONT, Kind, OF_BACK, RENDERED, STAGES, enfuse, make, stage};
+use stack::{Case, Cost, FRONT, Kind, OF_BACK, PHOTOGRAPHED, RENDERED, STAGES, enfuse, make, packed, stage};
 
 const LARGE: (usize, usize) = (6000, 4000);
 
@@ -74,7 +76,7 @@ fn main() {
         println!("|-------------------|---------:|---------:|--------:|---------:|--------:|");
         let pixels = (case.width * case.height * case.slices) as f64;
         let mut decode = None;
-        for name in STAGES.into_iter().filter(|name| case.kind != Kind::Own || !OF_BACK.contains(name)) {
+        for name in STAGES.into_iter().filter(|name| case.has_back() || !OF_BACK.contains(name)) {
             let cost = cost(name, case, folder, threads);
             let decode = *decode.get_or_insert(cost);
             line(name, cost, Some(decode), pixels);
@@ -90,6 +92,17 @@ fn main() {
         let folder = folder();
         fs::copy(own, folder.path().join(FRONT)).unwrap_or_else(|why| panic!("{own}: {why}"));
         return table(Case::of_own(Path::new(own)), folder.path());
+    }
+    if let Some(photographs) = word("--photographs") {
+        for (stack, (name, _)) in PHOTOGRAPHED.into_iter().enumerate() {
+            if word("--only").is_none_or(|only| only == name) {
+                let (case, folder) = (Case::photographed(stack), folder());
+                let complete = packed(case, &Path::new(photographs).join(name), folder.path());
+                assert!(complete, "{photographs}/{name} does not have the {} slices of its profile", case.slices);
+                table(case, folder.path());
+            }
+        }
+        return;
     }
     for (width, height) in sizes {
         let kinds =

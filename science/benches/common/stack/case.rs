@@ -7,7 +7,10 @@ use pinstack_science::{
     fusion::{Plan, SlicePlan},
     imaging::{Samples, Slices},
     synth::Rig,
-    types::fusion_options::{GuidedParams, Method},
+    types::{
+        fusion_options::{GuidedParams, Method},
+        profile::ProfileInput,
+    },
 };
 
 /// The zips of a case. The back light is one of its own, so that the front's size can be told.
@@ -22,6 +25,21 @@ pub enum Kind {
     Dense,
     /// Somebody's own, aligned already.
     Own,
+    /// The stack of this place in [`PHOTOGRAPHED`].
+    Photographed(usize),
+}
+
+/// The photographed stacks: the name of the folder with the pictures, and the profile that `photographed/align.py` found.
+pub const PHOTOGRAPHED: [(&str, &str); 5] = [
+    ("newto12", include_str!("photographed/newto12.json")),
+    ("pcb_depth10", include_str!("photographed/pcb_depth10.json")),
+    ("pcb7", include_str!("photographed/pcb7.json")),
+    ("flies9", include_str!("photographed/flies9.json")),
+    ("coffee6", include_str!("photographed/coffee6.json")),
+];
+
+fn profile(stack: usize) -> ProfileInput {
+    serde_json::from_str(PHOTOGRAPHED[stack].1).expect("a profile beside the bench")
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -38,6 +56,11 @@ impl Case {
         Rig::sized(self.width, self.height, self.slices)
     }
 
+    /// Whether there is a rendered back light.
+    pub fn has_back(self) -> bool {
+        matches!(self.kind, Kind::Typical | Kind::Dense)
+    }
+
     /// The case of the zip `stack`, which has one light.
     pub fn of_own(stack: &Path) -> Self {
         let archive =
@@ -48,7 +71,18 @@ impl Case {
         Self { kind: Kind::Own, width: first.width, height: first.height, sixteen, slices: archive.front().count() }
     }
 
+    /// The case of a photographed stack.
+    pub fn photographed(stack: usize) -> Self {
+        let profile = profile(stack);
+        let (width, height) = (profile.image_width as usize, profile.image_height as usize);
+        let (kind, slices) = (Kind::Photographed(stack), profile.homographies.len());
+        Self { kind, width, height, sixteen: false, slices }
+    }
+
     pub fn plan(self) -> Plan {
+        if let Kind::Photographed(stack) = self.kind {
+            return Plan::from_profile(&profile(stack), method(), GuidedParams::default());
+        }
         if self.kind == Kind::Own {
             let aligned = Plan::aligned(self.width, self.height, self.slices);
             return Plan { method: method(), near_first: Some(true), ..aligned };
@@ -77,6 +111,7 @@ impl Case {
                 Kind::Typical => "typical",
                 Kind::Dense => "dense",
                 Kind::Own => "own",
+                Kind::Photographed(stack) => PHOTOGRAPHED[stack].0,
             },
             (self.width * self.height) as f64 / 1e6,
             self.slices,
@@ -86,13 +121,23 @@ impl Case {
 
     /// The words by which a child is told which case it is about.
     pub fn words(self) -> [String; 5] {
-        [self.kind as usize, self.width, self.height, usize::from(self.sixteen), self.slices]
-            .map(|word| word.to_string())
+        let kind = match self.kind {
+            Kind::Typical => 0,
+            Kind::Dense => 1,
+            Kind::Own => 2,
+            Kind::Photographed(stack) => 3 + stack,
+        };
+        [kind, self.width, self.height, usize::from(self.sixteen), self.slices].map(|word| word.to_string())
     }
 
     pub fn of(words: &[String]) -> Self {
         let number = |i: usize| words[i].parse::<usize>().expect("a number");
-        let kind = [Kind::Typical, Kind::Dense, Kind::Own][number(0)];
+        let kind = match number(0) {
+            0 => Kind::Typical,
+            1 => Kind::Dense,
+            2 => Kind::Own,
+            stack => Kind::Photographed(stack - 3),
+        };
         Self { kind, width: number(1), height: number(2), sixteen: number(3) == 1, slices: number(4) }
     }
 

@@ -1,6 +1,10 @@
 //! The stacks, rendered and put together.
 
-use std::{fs::File, io::BufWriter, path::Path};
+use std::{
+    fs::{self, File},
+    io::BufWriter,
+    path::{Path, PathBuf},
+};
 
 use pinstack_science::{
     archive::pack,
@@ -52,6 +56,21 @@ pub fn make(case: Case, folder: &Path) {
     for (name, scene, light) in lights {
         zip(case, &scene, light, &folder.join(name));
     }
+}
+
+/// Puts the JPEG files of `pictures` into a zip in `folder`. Returns whether there are as many as slices.
+pub fn packed(case: Case, pictures: &Path, folder: &Path) -> bool {
+    let files = fs::read_dir(pictures).into_iter().flatten().flatten().map(|entry| entry.path());
+    let is_slice = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+        name.ends_with(".jpg") && name != "expected.jpg"
+    };
+    let mut files: Vec<PathBuf> = files.filter(is_slice).collect();
+    files.sort();
+    let members =
+        files.iter().enumerate().map(|(i, path)| (format!("front/{i:02}.jpg"), fs::read(path).expect("a file")));
+    pack(BufWriter::new(File::create(folder.join(FRONT)).expect("a file")), members).expect("a zip");
+    files.len() == case.slices
 }
 
 fn zip(case: Case, scene: &Scene, light: Light, path: &Path) {

@@ -6,8 +6,8 @@ mod enfuse;
 mod make;
 mod stages;
 
-pub use case::{Case, FRONT, Kind};
+pub use case::{Case, FRONT, Kind, PHOTOGRAPHED};
 pub use clock::Cost;
 pub use enfuse::enfuse;
-pub use make::{RENDERED, make};
+pub use make::{RENDERED, make, packed};
 pub use stages::{OF_BACK, STAGES, stage};

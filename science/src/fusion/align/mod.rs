@@ -4,7 +4,7 @@
 //! depend on the order. A slice is decoded by one thread and then processed in bands of rows by all threads that are
 //! free ([`schedule`]). Each row is warped, measured and stored while it is in the processor's cache
 //! ([`decoded_slice`]), so a warped slice is never in memory as a whole. When all are stored, the brightness of the
-//! slices is compared, and those that flicker are read back equalised ([`equalisation`]).
+//! slices is compared, and those that flicker are equalised ([`equalisation`]).
 
 pub(super) mod cell_energies;
 pub(super) mod coarse_focus;
@@ -98,13 +98,13 @@ pub(super) fn align<S: Sample, const C: usize>(
     };
     rayon::scope(|scope| pass.call_threads::<C>(scope, in_flight));
     run.slices.free_memory();
-    let Pass { bands: BandContext { mut scratch, focus, .. }, cells, schedule, results, .. } = pass;
+    let Pass { bands: BandContext { scratch, focus, .. }, cells, schedule, results, .. } = pass;
     schedule.finish()?;
     let results = results.into_iter().filter_map(OnceLock::into_inner);
     let (coverages, (brightness, measurements)): (Vec<_>, (Vec<_>, Vec<_>)) = results.unzip();
     let measurements = measurements.into_iter().flatten().collect();
     let gains: Vec<f64> = plan.slices.iter().map(|slice| slice.gain).collect();
-    scratch.equalise(flicker::corrections(&brightness, &gains, plan.reference));
+    scratch.equalise::<S>(&flicker::corrections(&brightness, &gains, plan.reference), run.control)?;
     let energy = match (focus, cells) {
         (FocusMeasure::Energy(_, coarse), Some(cells)) => Some(MeasuredEnergy { largest, coarse, cells }),
         (FocusMeasure::Saliency(_) | FocusMeasure::Energy(..), _) => None,

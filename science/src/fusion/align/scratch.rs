@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::equalisation::Equalisation;
 use crate::{
     imaging::{Rect, Sample, simd},
-    types::{Error, ErrorKind},
+    types::{Control, Error, ErrorKind, Interrupted},
 };
 
 /// Side of a block, px. Blocks at the right and bottom border are padded to the full size.
@@ -30,8 +30,6 @@ pub(in crate::fusion) struct ScratchFile {
     width: usize,
     height: usize,
     channels: usize,
-    /// Per slice: how it is read back; none where it is read back as it is.
-    equalisations: Vec<Option<Equalisation>>,
 }
 
 impl ScratchFile {
@@ -43,13 +41,35 @@ impl ScratchFile {
             width,
             height,
             channels,
-            equalisations: Vec::new(),
         })
     }
 
-    /// From now on, each slice is read back with its samples multiplied by these factors of its channels.
-    pub(super) fn equalise(&mut self, factors: Vec<Option<[f32; 3]>>) {
-        self.equalisations = Equalisation::of_slices(&factors);
+    /// Multiplies the samples of each slice by the factors of its channels.
+    pub(super) fn equalise<S: Sample>(
+        &self,
+        factors: &[Option<[f32; 3]>],
+        control: &dyn Control,
+    ) -> Result<(), Interrupted> {
+        for (slice, equalisation) in Equalisation::of_slices(factors).into_iter().enumerate() {
+            let Some(equalisation) = equalisation else { continue };
+            let rows = (0..self.height).into_par_iter().step_by(BLOCK);
+            rows.try_for_each_init(Default::default, |(samples, beside, bytes): &mut (Vec<S>, Vec<S>, _), y| {
+                control.check()?;
+                let rect = Rect { x: 0, y, width: self.width, height: BLOCK.min(self.height - y) };
+                self.read(slice, rect, samples, bytes)?;
+                match equalisation.beside.filter(|_| Equalisation::needs_beside(samples)) {
+                    Some(slice) => self.read(slice, rect, beside, bytes)?,
+                    None => {
+                        beside.clear();
+                        beside.resize(samples.len(), S::default());
+                    }
+                }
+                equalisation.apply(samples, beside, self.channels);
+                let rows = samples.chunks_exact((self.width * self.channels).max(1));
+                Ok::<_, Interrupted>(rows.zip(y..).try_for_each(|(row, y)| self.write_row(slice, y, row, bytes))?)
+            })?;
+        }
+        Ok(())
     }
 
     /// Writes all samples of slice `index`.
@@ -113,12 +133,6 @@ impl ScratchFile {
                 }
             }
         }
-        let Some(Some(equalisation)) = self.equalisations.get(index) else { return Ok(()) };
-        let mut beside = Vec::new();
-        if let Some(slice) = equalisation.beside {
-            self.read(slice, rect, &mut beside, bytes)?;
-        }
-        equalisation.apply(samples, &beside, self.channels);
         Ok(())
     }
 
