@@ -36,12 +36,7 @@ impl ScratchFile {
     /// Creates the files in `folder` for slices of `width` x `height` px with `channels` samples per pixel.
     pub(super) fn create(folder: &Path, width: usize, height: usize, channels: usize) -> Result<Self, Error> {
         let file = |_| tempfile::tempfile_in(folder).map_err(|error| failed("create", &error));
-        Ok(Self {
-            files: (0..FILES).map(file).collect::<Result<_, _>>()?,
-            width,
-            height,
-            channels,
-        })
+        Ok(Self { files: (0..FILES).map(file).collect::<Result<_, _>>()?, width, height, channels })
     }
 
     /// Multiplies the samples of each slice by the factors of its channels.
