@@ -4,7 +4,12 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-use super::{align::Aligned, lock::locked, plan::UNCOVERED, run::Run};
+use super::{
+    align::Aligned,
+    lock::{Spare, locked},
+    plan::UNCOVERED,
+    run::Run,
+};
 use crate::{
     imaging::{Rect, Sample},
     types::Interrupted,
@@ -28,7 +33,7 @@ pub(super) struct Blended<S> {
 ///
 /// `tile` fuses a rectangle into an interleaved buffer and returns the number of pixels with a clamped sample. `tools`
 /// makes its buffers, once per thread.
-pub(super) fn in_tiles<S: Sample, const C: usize, T>(
+pub(super) fn in_tiles<S: Sample, const C: usize, T: Send>(
     (run, aligned, margin): (&Run<'_>, &Aligned, usize),
     stage: &'static str,
     tools: impl Fn() -> T + Sync,
@@ -51,30 +56,33 @@ pub(super) fn in_tiles<S: Sample, const C: usize, T>(
         rest = below;
     }
 
-    let done = Mutex::new(0);
+    let (done, spare) = (Mutex::new(0), Spare::new());
     run.control.progress(stage, 0, tiles.len());
     let counts = tiles
         .par_iter()
         .with_max_len(1)
-        .map_init(
-            || (tools(), Vec::new()),
-            |(tools, out), &(row, rect)| -> Result<[usize; 2], Interrupted> {
-                run.control.check()?;
-                let mut counts = [0, 0];
-                if let Some(part) = run.part_to_fuse(rect, margin) {
-                    counts = [part.width * part.height, tile(tools, part, out)?];
-                    let mut band = locked(&bands[row]);
-                    for (y, line) in out.chunks_exact(part.width * C).enumerate() {
-                        let start = ((part.y - rect.y + y) * width + part.x) * C;
-                        band[start..start + line.len()].copy_from_slice(line);
-                    }
-                }
-                let mut done = locked(&done);
-                *done += 1;
-                run.control.progress(stage, *done, tiles.len());
-                Ok(counts)
-            },
-        )
+        .map(|&(row, rect)| -> Result<[usize; 2], Interrupted> {
+            run.control.check()?;
+            let counts = match run.part_to_fuse(rect, margin) {
+                None => [0, 0],
+                Some(part) => spare.with(
+                    || (tools(), Vec::new()),
+                    |(tools, out)| {
+                        let clamped = tile(tools, part, out)?;
+                        let mut band = locked(&bands[row]);
+                        for (y, line) in out.chunks_exact(part.width * C).enumerate() {
+                            let start = ((part.y - rect.y + y) * width + part.x) * C;
+                            band[start..start + line.len()].copy_from_slice(line);
+                        }
+                        Ok::<_, Interrupted>([part.width * part.height, clamped])
+                    },
+                )?,
+            };
+            let mut done = locked(&done);
+            *done += 1;
+            run.control.progress(stage, *done, tiles.len());
+            Ok(counts)
+        })
         .collect::<Result<Vec<_>, Interrupted>>()?;
     drop(bands);
 

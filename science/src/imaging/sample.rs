@@ -48,7 +48,7 @@ mod sealed {
 }
 
 /// Integers for sums of samples: narrow ones, of which a vector holds more.
-pub trait Sum: Copy + Default + From<u8> + Add<Output = Self> + AddAssign + Mul<Output = Self> {
+pub trait Sum: Copy + Default + Send + From<u8> + Add<Output = Self> + AddAssign + Mul<Output = Self> {
     /// The sum as a float; exact.
     fn value(self) -> f32;
 }

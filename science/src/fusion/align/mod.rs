@@ -21,7 +21,11 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use rayon::Scope;
 
-use super::{in_flight::slices_in_flight, lock::locked, run::Run};
+use super::{
+    in_flight::slices_in_flight,
+    lock::{Spare, locked},
+    run::Run,
+};
 use crate::{
     imaging::{Coverage, Plane, Rect, Sample},
     quality::{
@@ -92,7 +96,7 @@ pub(super) fn align<S: Sample, const C: usize>(
             focus,
         },
         schedule: Schedule::new(slices, in_flight),
-        buffers: Mutex::new(Vec::new()),
+        buffers: Spare::new(),
         done: Mutex::new(0),
         results: (0..slices).map(|_| OnceLock::new()).collect(),
     };
@@ -122,8 +126,7 @@ struct Pass<'a, S> {
     /// Only with [`FocusMeasure::Energy`].
     cells: Option<CellEnergies>,
     schedule: Schedule<DecodedSlice<S>>,
-    /// Buffers that no thread uses at the moment.
-    buffers: Mutex<Vec<Buffers<S>>>,
+    buffers: Spare<Buffers<S>>,
     /// Number of finished slices.
     done: Mutex<usize>,
     /// Per finished slice.
@@ -168,9 +171,7 @@ impl<S: Sample> Pass<'_, S> {
     /// Processes a band of `slice`, and finishes the slice with its last one.
     fn band<const C: usize>(&self, slice: Arc<DecodedSlice<S>>, band: usize) -> Result<(), Interrupted> {
         self.run.control.check()?;
-        let mut buffers = locked(&self.buffers).pop().unwrap_or_default();
-        slice.process::<C>(&self.bands, band, &mut buffers)?;
-        locked(&self.buffers).push(buffers);
+        self.buffers.with(Buffers::default, |buffers| slice.process::<C>(&self.bands, band, buffers))?;
         match Arc::into_inner(slice) {
             // a band that failed on another thread is missing: its error ends the fusion
             Some(slice) if slice.is_complete() => self.finish::<C>(slice),

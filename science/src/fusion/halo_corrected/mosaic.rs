@@ -67,7 +67,7 @@ fn average<S: Sample, const C: usize>(
     if let (Some(alone), None) = (only.next(), only.next())
         && slices.covers(alone, rect)
     {
-        return Ok(slices.samples(alone, rect)?.iter().map(|sample| sample.value()).collect());
+        return slices.read(alone, rect, |samples| samples.iter().map(|sample| sample.value()).collect());
     }
     let (mut values, mut sums) = (vec![0.0f32; pixels * C], vec![0.0f32; pixels]);
     let (mut weights, simd) = (Vec::with_capacity(rect.width), Avx2::detect());

@@ -1,7 +1,7 @@
 //! Rectangles of the warped slices, read back from the scratch file of the first pass.
 
 use crate::{
-    fusion::align::Aligned,
+    fusion::{align::Aligned, lock::Spare},
     imaging::{
         Coverage, Plane, Rect, Sample,
         filter::disc::Disc,
@@ -15,12 +15,12 @@ use crate::{
 pub(crate) struct WarpedSlices<'a, S, const C: usize> {
     aligned: &'a Aligned,
     control: &'a dyn Control,
-    kind: std::marker::PhantomData<fn() -> S>,
+    spare: Spare<(Vec<S>, Vec<u8>)>,
 }
 
 impl<'a, S: Sample, const C: usize> WarpedSlices<'a, S, C> {
     pub(super) fn new(aligned: &'a Aligned, control: &'a dyn Control) -> Self {
-        Self { aligned, control, kind: std::marker::PhantomData }
+        Self { aligned, control, spare: Spare::new() }
     }
 
     /// The control of the fusion.
@@ -50,37 +50,43 @@ impl<'a, S: Sample, const C: usize> WarpedSlices<'a, S, C> {
 
     /// Interleaved samples of `rect`, in the format of the slice.
     pub(super) fn samples(&self, slice: usize, rect: Rect) -> Result<Vec<S>, Interrupted> {
+        self.read(slice, rect, <[S]>::to_vec)
+    }
+
+    /// What `of` makes of the interleaved samples of `rect`.
+    pub(super) fn read<T>(&self, slice: usize, rect: Rect, of: impl FnOnce(&[S]) -> T) -> Result<T, Interrupted> {
         self.control.check()?;
-        let (mut samples, mut bytes) = (Vec::new(), Vec::new());
-        self.aligned.scratch.read(slice, rect, &mut samples, &mut bytes)?;
-        Ok(samples)
+        self.spare.with(Default::default, |(samples, bytes)| {
+            self.aligned.scratch.read(slice, rect, samples, bytes)?;
+            Ok(of(samples))
+        })
     }
 
     /// Luma of `rect`, 0 to 255. Beyond the border of the slice its border pixels are repeated.
     pub(super) fn luma(&self, slice: usize, rect: Rect) -> Result<Plane<f32>, Interrupted> {
-        let samples = self.samples(slice, rect)?;
         let mut plane = Plane::filled(rect.width, rect.height, 0.0);
-        grey::luma_row(&samples, C, &mut plane.data);
+        self.read(slice, rect, |samples| grey::luma_row(samples, C, &mut plane.data))?;
         self.coverage(slice).extend(rect, &mut plane);
         Ok(plane)
     }
 
     /// The channels of `rect`. Beyond the border of the slice its border pixels are repeated.
     pub(super) fn patch(&self, slice: usize, rect: Rect) -> Result<Patch<C>, Interrupted> {
-        let samples = self.samples(slice, rect)?;
         let mut planes: [Plane<f32>; C] = std::array::from_fn(|_| Plane::filled(rect.width, rect.height, 0.0));
         let out = planes.each_mut().map(|plane| &mut plane.data[..]);
-        simd::run(
-            Avx2::detect(),
-            #[inline(always)]
-            || {
-                for (channel, out) in out.into_iter().enumerate() {
-                    for (out, pixel) in out.iter_mut().zip(samples.as_chunks::<C>().0) {
-                        *out = pixel[channel].value();
+        self.read(slice, rect, |samples| {
+            simd::run(
+                Avx2::detect(),
+                #[inline(always)]
+                || {
+                    for (channel, out) in out.into_iter().enumerate() {
+                        for (out, pixel) in out.iter_mut().zip(samples.as_chunks::<C>().0) {
+                            *out = pixel[channel].value();
+                        }
                     }
-                }
-            },
-        );
+                },
+            );
+        })?;
         planes.iter_mut().for_each(|plane| self.coverage(slice).extend(rect, plane));
         Ok(Patch { rect, channels: planes })
     }

@@ -9,7 +9,7 @@ use super::{
     estimates::Estimates,
 };
 use crate::{
-    fusion::{align::Aligned, plan::UNCOVERED, run::Run},
+    fusion::{align::Aligned, lock::Spare, plan::UNCOVERED, run::Run},
     imaging::{
         Coverage, Plane, Rect, Sample,
         filter::focus::{FocusEnergy, Rows},
@@ -40,17 +40,20 @@ pub(super) fn estimate<S: Sample, const C: usize>(
     let mut confidence = Plane::filled(width, height, 0.0f32);
     let bands =
         position.data.par_chunks_mut(width * side).zip(confidence.data.par_chunks_mut(width * side)).enumerate();
-    bands.with_max_len(1).try_for_each_init(Default::default, |tools, (band, (position, confidence))| {
-        let y = band * side;
-        for x in (0..width).step_by(side) {
-            run.control.check()?;
-            let rect = Rect { x, y, width: side.min(width - x), height: side.min(height - y) };
-            tiles.tile::<S, C>(rect, tools, |row, column, found| {
-                let at = row * width + x + column;
-                (position[at], confidence[at]) = found;
-            })?;
-        }
-        Ok::<_, Interrupted>(())
+    let spare = Spare::new();
+    bands.with_max_len(1).try_for_each(|(band, (position, confidence))| {
+        spare.with(Default::default, |tools| {
+            let y = band * side;
+            for x in (0..width).step_by(side) {
+                run.control.check()?;
+                let rect = Rect { x, y, width: side.min(width - x), height: side.min(height - y) };
+                tiles.tile::<S, C>(rect, tools, |row, column, found| {
+                    let at = row * width + x + column;
+                    (position[at], confidence[at]) = found;
+                })?;
+            }
+            Ok::<_, Interrupted>(())
+        })
     })?;
     Ok(Estimates { position, confidence })
 }

@@ -38,7 +38,7 @@ use rayon::prelude::*;
 
 use super::{defocus_model::DefocusModel, warped_slices::WarpedSlices};
 use crate::{
-    fusion::run::Run,
+    fusion::{lock::Spare, run::Run},
     imaging::{Plane, Rect, Sample, filter::focus::Rows},
     types::Interrupted,
 };
@@ -74,16 +74,18 @@ pub(super) fn refine<S: Sample, const C: usize>(
             })
         })
         .collect();
-    let refinement = Refinement { slices, focus, model };
+    let (refinement, spare) = (Refinement { slices, focus, model }, Spare::new());
     let tiles: Vec<(Tile, Vec<NearDetail>)> = tiles
         .into_par_iter()
         .with_max_len(1)
-        .map_init(Rows::default, |rows, rect| {
+        .map(|rect| {
             let matters = run.part_to_fuse(rect, margin + MEDIAN_REACH + near_detail::RIM).is_some();
             let mut tile = Tile { rect, slice: focus.sharpest.crop(rect).data, textured: textured.crop(rect).data };
-            refinement.refine_by_surroundings(&mut tile, matters, rows)?;
-            let near_detail = if matters { refinement.near_detail(&tile, rows)? } else { Vec::new() };
-            Ok((tile, near_detail))
+            spare.with(Rows::default, |rows| {
+                refinement.refine_by_surroundings(&mut tile, matters, rows)?;
+                let near_detail = if matters { refinement.near_detail(&tile, rows)? } else { Vec::new() };
+                Ok((tile, near_detail))
+            })
         })
         .collect::<Result<_, Interrupted>>()?;
     let (mut slice, mut textured) = (Plane::filled(width, height, 0), textured);
