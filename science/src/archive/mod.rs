@@ -188,6 +188,9 @@ pub fn open_in_memory(zip: Vec<u8>, limits: &ArchiveLimits) -> Result<StackArchi
     checked(Container::in_memory(zip, limits)?, limits, u64::MAX)
 }
 
+/// The name of a file, and its bytes.
+pub type NamedFile = (String, Vec<u8>);
+
 /// Of each pair of names the first that the zip has in whatever folder, and its bytes. Nothing else is decompressed.
 ///
 /// # Errors
@@ -196,7 +199,7 @@ pub fn read_files(
     zip: Vec<u8>,
     wanted: [[&str; 2]; 2],
     limits: &ArchiveLimits,
-) -> Result<[Option<(String, Vec<u8>)>; 2], Error> {
+) -> Result<[Option<NamedFile>; 2], Error> {
     let container = Container::in_memory(zip, limits)?;
     let is = |member: &Member, name: &str| member.name.rsplit('/').next() == Some(name);
     let mut members = container.members()?;
