@@ -41,7 +41,16 @@ pub enum Alignment {
     None,
 }
 
-/// A case, written as `seed=1 width=810 pans=18 tilts=0,8,16 lens=fixed alignment=calibrated
+/// The camera that COLMAP gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Camera {
+    /// That of the rig.
+    True,
+    /// That of the bundle of the service, which the calibration has measured; then the same pictures with the true one.
+    Bundle,
+}
+
+/// A case, written as `seed=1 width=810 pans=18 tilts=0,8,16 lens=fixed pupil_ratio=1 alignment=calibrated camera=true
 /// method=halo_corrected limit=4`. Everything may be left out.
 #[derive(Debug, Clone)]
 pub struct Case {
@@ -50,7 +59,9 @@ pub struct Case {
     pans: usize,
     tilts: Vec<f64>,
     lens: Lens,
+    pupil_ratio: f64,
     alignment: Alignment,
+    camera: Camera,
     method: String,
     /// Error of reprojection beyond which COLMAP leaves observations out, px; its default without.
     limit_px: Option<f64>,
@@ -58,8 +69,9 @@ pub struct Case {
 
 impl fmt::Display for Case {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { seed, width, pans, tilts, lens, alignment, method, limit_px } = self;
-        write!(f, "seed {seed}, {width} px, {pans} pans, tilts {tilts:?}, {lens:?} lens, {alignment:?}, {method}")?;
+        let Self { seed, width, pans, tilts, lens, pupil_ratio, alignment, camera, method, limit_px } = self;
+        write!(f, "seed {seed}, {width} px, {pans} pans, tilts {tilts:?}, {lens:?} lens, pupil ratio {pupil_ratio}, ")?;
+        write!(f, "{alignment:?}, {camera:?} camera, {method}")?;
         limit_px.map_or(Ok(()), |px| write!(f, ", limit {px} px"))
     }
 }
@@ -72,7 +84,9 @@ impl Case {
             pans: PANS,
             tilts: TILTS.to_vec(),
             lens: Lens::Fixed,
+            pupil_ratio: 1.0,
             alignment: Alignment::Calibrated,
+            camera: Camera::True,
             method: "halo_corrected".into(),
             limit_px: None,
         };
@@ -84,6 +98,9 @@ impl Case {
                 ("tilts", tilts) => case.tilts = tilts.split(',').map(|tilt| tilt.parse().expect("degrees")).collect(),
                 ("lens", "fixed") => case.lens = Lens::Fixed,
                 ("lens", "moving") => case.lens = Lens::Moving,
+                ("pupil_ratio", ratio) => case.pupil_ratio = ratio.parse().expect("a number"),
+                ("camera", "true") => case.camera = Camera::True,
+                ("camera", "bundle") => case.camera = Camera::Bundle,
                 ("alignment", "ideal") => case.alignment = Alignment::Ideal,
                 ("alignment", "noisy") => case.alignment = Alignment::Noisy,
                 ("alignment", "calibrated") => case.alignment = Alignment::Calibrated,
@@ -94,6 +111,8 @@ impl Case {
                 other => panic!("no setting {other:?}"),
             }
         }
+        let has_bundle = case.camera == Camera::True || case.alignment == Alignment::Calibrated;
+        assert!(has_bundle, "camera=bundle needs alignment=calibrated");
         case
     }
 
@@ -101,6 +120,7 @@ impl Case {
     /// true surface of the specimen.
     pub fn run(&self, folder: Option<&Path>) -> Accuracy {
         let mut setup = Setup::new(self.width, SLICES, self.pans, &self.tilts, self.seed);
+        setup.rig.pupil_ratio = self.pupil_ratio;
         if self.lens == Lens::Moving {
             setup.rig = setup.rig.moving_lens();
         }
@@ -113,16 +133,24 @@ impl Case {
             Alignment::Noisy => setup.write_ideal(&folder, Sharp::Stored),
             _ => self.fuse(&setup, &server, &folder),
         }
-        let poses = reconstruct(&folder, self.limit_px);
         let path = format!("/v1/poses?expected={}", setup.views.len());
-        Accuracy::of(&server.curl(&["--data-binary", &format!("@{}", poses.display())], &path))
+        let accuracy = |folder: &Path| {
+            let poses = reconstruct(folder, self.limit_px);
+            Accuracy::of(&server.curl(&["--data-binary", &format!("@{}", poses.display())], &path))
+        };
+        if self.camera == Camera::True {
+            return accuracy(&folder);
+        }
+        let [bundle, truth] = [accuracy(&folder.join(BUNDLE)), accuracy(&folder)];
+        println!("with the true camera: {truth}; bundle over true: {:.3?}", bundle.ratios(&truth));
+        bundle
     }
 
     /// Renders the stacks of all views as zips, unless `SCAN_STACKS` names a folder where an earlier case left them.
     fn stacks(&self, setup: &Setup, temporary: &Path) -> Vec<(ViewAngles, PathBuf)> {
-        let Self { seed, width, lens, .. } = self;
+        let Self { seed, width, lens, pupil_ratio, .. } = self;
         let folder = match std::env::var_os("SCAN_STACKS") {
-            Some(kept) => PathBuf::from(kept).join(format!("{lens:?}_{seed}_{width}")),
+            Some(kept) => PathBuf::from(kept).join(format!("{lens:?}_{pupil_ratio}_{seed}_{width}")),
             None => temporary.join("stacks"),
         };
         fs::create_dir_all(&folder).expect("a folder");
@@ -147,6 +175,9 @@ impl Case {
             // one profile per view
             Alignment::Ecc | Alignment::Ideal | Alignment::Noisy => {}
         }
+        if self.camera == Camera::Bundle {
+            put_scan(server);
+        }
         let zips = self.stacks(setup, server.folder.path());
         let stacks: Vec<(ViewAngles, Value)> = zips
             .iter()
@@ -159,7 +190,12 @@ impl Case {
                     }
                     _ => "lens".to_owned(),
                 };
-                let query = format!("/v1/stacks?rig=rig&lens={lens}&method={}", self.method);
+                let ViewAngles { pan_deg, tilt_deg } = angles;
+                let view = match self.camera {
+                    Camera::True => String::new(),
+                    Camera::Bundle => format!("&scan=beetle&pan_deg={pan_deg}&tilt_deg={tilt_deg}"),
+                };
+                let query = format!("/v1/stacks?rig=rig&lens={lens}&method={}{view}", self.method);
                 (*angles, server.curl(&["-X", "POST", "-T", zip.to_str().expect("plain")], &query))
             })
             .collect();
@@ -170,10 +206,24 @@ impl Case {
             server.download(&["-H", "Accept: image/png"], &format!("{path}/image"), &folder.join(image_of(*angles)));
             server.download(&[], &format!("{path}/mask"), &folder.join(mask_of(*angles)));
         }
+        if self.camera == Camera::Bundle {
+            let zip = server.folder.path().join("bundle.zip");
+            server.download(&[], "/v1/scans/beetle/bundle?layout=colmap", &zip);
+            let file = fs::File::open(&zip).expect("the bundle");
+            zip::ZipArchive::new(file).expect("a zip").extract(folder.join(BUNDLE)).expect("extracted");
+        }
     }
 }
 
+/// The folder of the bundle of the service.
+const BUNDLE: &str = "bundle";
 const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+/// Makes the scan that the views belong to.
+fn put_scan(server: &Server) {
+    let scan = json!({ "rig": "rig", "lens": "lens" }).to_string();
+    server.curl(&["-X", "PUT", "-H", "Content-Type: application/json", "-d", &scan], "/v1/scans/beetle");
+}
 
 /// Stores these homographies, with the true gains: only the geometry differs between the cases.
 fn put_profile(server: &Server, rig: &Rig, lens: &str, homographies: &[[f64; 9]]) {

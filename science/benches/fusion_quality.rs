@@ -3,7 +3,8 @@
 //!
 //! `cargo bench --bench fusion_quality -- [--quick] [--scene NAME] [--method NAME] [--softness PX] [--blur TIMES]
 //! [--unknown-near-end] [--crops FOLDER]` prints tables of PSNR; `-- --edges FILE ...` prints the softness of the edges
-//! of the scenes and of image files instead.
+//! of the scenes and of image files instead, and `-- --photographs FOLDER ...` the metrics of stacks of photographs,
+//! fused as if they were aligned.
 //!
 //! The row "true decision map" is `halo_corrected` with the true slice of each pixel of the object. It tells how much a
 //! better decision map can gain.
@@ -15,13 +16,18 @@
 #[path = "common/fusion_quality/mod.rs"]
 mod fusion_quality;
 
-use std::{fs, path::PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use fusion_quality::{Case, Crop, Peers, Regions, Scores, Table, spreads, worst};
 use pinstack_science::{
+    fusion::{FusionRequest, Plan, fuse},
     imaging::{Raster, codec},
+    quality::StackQuality,
     synth::scene::SCENES,
-    types::fusion_options::Method,
+    types::{NoControl, fusion_options::Method},
 };
 
 /// The row of the default method with the true decision map.
@@ -44,6 +50,8 @@ struct Arguments {
     crops: Option<PathBuf>,
     /// Image files whose edges are measured instead of fusing anything.
     edges: Option<Vec<PathBuf>>,
+    /// Folders with the slices of real stacks, which have no truth.
+    photographs: Vec<PathBuf>,
 }
 
 fn arguments() -> Result<Arguments, String> {
@@ -56,6 +64,7 @@ fn arguments() -> Result<Arguments, String> {
         blur: 1.0,
         crops: None,
         edges: None,
+        photographs: Vec::new(),
     };
     let mut rest = std::env::args().skip(1);
     while let Some(argument) = rest.next() {
@@ -85,10 +94,13 @@ fn arguments() -> Result<Arguments, String> {
             "--edges" => {
                 found.edges = Some(rest.by_ref().filter(|file| file != "--bench").map(PathBuf::from).collect())
             }
+            "--photographs" => {
+                found.photographs = rest.by_ref().filter(|folder| folder != "--bench").map(PathBuf::from).collect()
+            }
             other => {
                 return Err(format!(
                     "unknown argument {other}; use --quick, --scene NAME, --method NAME, --softness PX, --blur TIMES, \
-                     --unknown-near-end, --crops FOLDER, --edges FILE ..."
+                     --unknown-near-end, --crops FOLDER, --edges FILE ..., --photographs FOLDER ..."
                 ));
             }
         }
@@ -132,6 +144,38 @@ fn print_edges(arguments: &Arguments, files: &[PathBuf]) {
     }
 }
 
+/// Prints what each method keeps of the slices in a folder of pictures, whose names give their order.
+fn print_metrics(folder: &Path) {
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
+        .unwrap_or_else(|why| panic!("{}: {why}", folder.display()))
+        .map(|entry| entry.expect("an entry").path())
+        .filter(|path| path.extension().is_some_and(|kind| kind.eq_ignore_ascii_case("jpg")))
+        .collect();
+    paths.sort();
+    let decoded = |path: &PathBuf| codec::decode(&fs::read(path).expect("a slice"), &codec::Limits::default());
+    let slices: Vec<Raster> = paths.iter().map(|path| decoded(path).expect("a picture")).collect();
+    let (width, height) = slices.first().map_or((0, 0), |slice| (slice.width, slice.height));
+    let name = folder.file_name().unwrap_or_default().to_string_lossy();
+    for method in Method::ALL {
+        let plan = Plan { method, ..Plan::aligned(width, height, slices.len()) };
+        let request = FusionRequest { metrics: true, ..FusionRequest::default() };
+        let fused = fuse(&&slices[..], &plan, &request, &std::env::temp_dir(), &NoControl).expect("a fused picture");
+        let StackQuality { fusion: found, alignment, .. } = fused.quality.expect("the metrics were requested");
+        let number = |value: Option<f64>, digits: usize| value.map_or("-".into(), |value| format!("{value:.digits$}"));
+        println!(
+            "| {name}, {width} x {height} px, {} slices | {} | {} | {} | {} | {} |",
+            slices.len(),
+            method.name(),
+            number(found.q_g_top, 3),
+            number(found.q_w_top, 3),
+            number(found.sharpness_retention, 2),
+            number(found.overshoot_levels, 2)
+        );
+        let drift = alignment.similarity.map(|similarity| similarity.corner_drift_px);
+        eprintln!("{name}: the corners drift by {} px", number(drift, 1));
+    }
+}
+
 fn main() {
     // paths in arguments are relative to the root of the project; cargo starts a bench in its crate
     std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).expect("the root of the project");
@@ -141,6 +185,11 @@ fn main() {
     });
     if let Some(files) = &arguments.edges {
         return print_edges(&arguments, files);
+    }
+    if !arguments.photographs.is_empty() {
+        println!("| real stack | method | `q_g_top` | `q_w_top` | `sharpness_retention` | `overshoot_levels` |");
+        println!("|---|---|---:|---:|---:|---:|");
+        return arguments.photographs.iter().for_each(|folder| print_metrics(folder));
     }
     let peers = arguments.method.is_none().then(Peers::detect);
     let mut all = Table::default();

@@ -13,7 +13,8 @@ use pinstack_science::photogrammetry::poses::{KnownScale, PoseFormat, PoseOption
 /// Report on the camera poses of a scan: sphere, steps of pan and tilt, residual of each view
 #[derive(Debug, Args)]
 pub struct Poses {
-    /// COLMAP images.txt or images.bin, AliceVision cameras.sfm, Metashape XML, OpenMVG sfm_data.json, or CSV
+    /// COLMAP images.txt or images.bin, or a zip of the folder of the model; AliceVision cameras.sfm, Metashape XML,
+    /// OpenMVG sfm_data.json, or CSV
     file: PathBuf,
     /// Format of the file: colmap_text, colmap_binary, alicevision, metashape, openmvg or csv [default: found from its
     /// content]

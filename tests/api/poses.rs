@@ -1,6 +1,9 @@
 //! Reports on camera poses.
 
-use pinstack_science::types::{intrinsics::Intrinsics, view::ViewAngles};
+use pinstack_science::{
+    archive,
+    types::{intrinsics::Intrinsics, view::ViewAngles},
+};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 
@@ -50,22 +53,7 @@ async fn poses_are_reported_in_every_format() {
 #[tokio::test]
 async fn the_focal_length_is_compared_with_the_principal_distance_of_the_scan() {
     let app = TestApp::start().await;
-    app.with_scan("bee").await;
-    for pan in ["0", "20", "40"] {
-        app.with_stack(&format!("&scan=bee&pan_deg={pan}&tilt_deg=0&label=v{pan}")).await;
-        let job = app.claim().await;
-        app.finish_stack(&job, |outcome| {
-            outcome.image.intrinsics = Some(Intrinsics {
-                principal_distance_px: 6500.0,
-                principal_distance_mm: 130.0,
-                principal_distance_sigma_mm: Some(0.2),
-                pixel_pitch_mm: 0.02,
-                principal_point_px: None,
-                distortion: None,
-            });
-        })
-        .await;
-    }
+    with_measured_camera(&app, Some(0.2)).await;
     let centres: String = [0, 20, 40]
         .map(|pan| {
             let [x, y, z] = ViewAngles { pan_deg: f64::from(pan), tilt_deg: 0.0 }.direction();
@@ -83,9 +71,14 @@ async fn the_focal_length_is_compared_with_the_principal_distance_of_the_scan() 
         (&Value::Null, Some(6520.0))
     );
     assert!(!right["findings"].to_string().contains("focal_length_disagrees"), "{right}");
-    for (query, says) in
-        [("?focal_px=0", "focal_px must be greater than 0"), ("?focal_sigma_px=4", "focal_sigma_px needs focal_px")]
-    {
+    for (query, says) in [
+        ("?focal_px=0", "focal_px must be greater than 0"),
+        ("?focal_sigma_px=4", "focal_sigma_px needs focal_px"),
+        ("?length_mm=4", "a known length needs length_from, length_to and length_mm"),
+        ("?length_mm=4&length_from=1,2&length_to=1,2,3", "length_from must be three numbers"),
+        ("?length_mm=4&length_from=1,2,3&length_to=1,2,NaN", "length_to must be three numbers"),
+        ("?length_mm=4&length_from=1,2,3&length_to=1,2,4", "give radius_mm, or pair_from"),
+    ] {
         let refused = problem(ask(query).await.unwrap(), 400, "invalid_request").await;
         assert!(refused["detail"].as_str().unwrap().contains(says), "{refused}");
     }
@@ -93,6 +86,74 @@ async fn the_focal_length_is_compared_with_the_principal_distance_of_the_scan() 
     let compared = &report["focal_length"];
     assert_eq!((&compared["camera_px"], &compared["camera_sigma_px"]), (&json!(6500.0), &json!(10.0)), "{report}");
     assert!(report["findings"].to_string().contains("focal_length_disagrees"), "{report}");
+}
+
+/// A scan of three views whose camera has a principal distance of 130 mm, 6500 px, with this standard deviation.
+async fn with_measured_camera(app: &TestApp, sigma_mm: Option<f64>) {
+    app.with_scan("bee").await;
+    for pan in ["0", "20", "40"] {
+        app.with_stack(&format!("&scan=bee&pan_deg={pan}&tilt_deg=0&label=v{pan}")).await;
+        let job = app.claim().await;
+        app.finish_stack(&job, |outcome| {
+            outcome.image.intrinsics = Some(Intrinsics {
+                principal_distance_px: 6500.0,
+                principal_distance_mm: 130.0,
+                principal_distance_sigma_mm: sigma_mm,
+                pixel_pitch_mm: 0.02,
+                principal_point_px: None,
+                distortion: None,
+            });
+        })
+        .await;
+    }
+}
+
+/// A zip of a COLMAP model of that scan, with this focal length.
+fn colmap_model(focal_px: f64) -> Vec<u8> {
+    let images = [0, 20, 40].map(|pan: u32| {
+        let half = f64::from(pan).to_radians() / 2.0;
+        format!("{pan} {} 0 {} 0 0 0 1 4 v{pan}.png\n\n", half.cos(), half.sin())
+    });
+    let cameras = format!("4 PINHOLE 99 99 {} {} 50 50\n", focal_px - 10.0, focal_px + 10.0);
+    let members = [("0/images.txt".to_owned(), images.concat()), ("0/cameras.txt".to_owned(), cameras)];
+    let mut zip = std::io::Cursor::new(Vec::new());
+    archive::pack(&mut zip, members.map(|(name, text)| (name, text.into_bytes())).into_iter()).unwrap();
+    zip.into_inner()
+}
+
+#[tokio::test]
+async fn the_focal_length_of_a_zipped_colmap_model_needs_no_typing() {
+    let app = TestApp::start().await;
+    with_measured_camera(&app, Some(0.2)).await;
+    let ask = async |query: &str| -> Value {
+        let model = colmap_model(7800.0);
+        app.post(&format!("/v1/scans/bee/poses{query}")).body(model).send().await.unwrap().json().await.unwrap()
+    };
+    let report = ask("").await;
+    assert_eq!((&report["format"], &report["registered"]), (&json!("colmap_text"), &json!(3)), "{report}");
+    assert_eq!(report["focal_length"]["reconstruction_px"], json!(7800.0), "{report}");
+    assert!(report["findings"].to_string().contains("focal_length_disagrees"), "{report}");
+    let typed = ask("?focal_px=6520").await;
+    assert_eq!(typed["focal_length"]["reconstruction_px"], json!(6520.0), "{typed}");
+    assert!(!typed["findings"].to_string().contains("focal_length_disagrees"), "{typed}");
+    // a known length checks it without the camera: 0.1 of the radius
+    let length = ask("?radius_mm=141&length_from=0,0,0&length_to=0,0.1,0&length_mm=16.92").await;
+    assert!((length["known_length"]["reconstruction_mm"].as_f64().unwrap() - 14.1).abs() < 1e-6, "{length}");
+    assert!(length["findings"].to_string().contains("known_length_disagrees"), "{length}");
+    assert_eq!(length["not_checked"], Value::Null, "{length}");
+    let alone = app.post("/v1/poses").body(colmap_model(7800.0)).send().await.unwrap();
+    assert_eq!(alone.status(), StatusCode::OK);
+}
+
+#[tokio::test]
+async fn a_principal_distance_without_uncertainty_does_not_check_the_focal_length() {
+    let app = TestApp::start().await;
+    with_measured_camera(&app, None).await;
+    let answer = app.post("/v1/scans/bee/poses").body(colmap_model(6520.0)).send().await.unwrap();
+    let report: Value = answer.json().await.unwrap();
+    assert_eq!(report["focal_length"]["camera_sigma_px"], Value::Null, "{report}");
+    let said = report["not_checked"].as_str().unwrap();
+    assert!(said.contains("the uncertainty of the principal distance of the camera is unknown"), "{report}");
 }
 
 #[tokio::test]

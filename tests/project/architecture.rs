@@ -11,7 +11,8 @@ const SCIENCE: &[&[&str]] = &[
     &["synth"],
     &["quality", "segmentation"],
     &["fusion", "calibration"],
-    &["archive", "optics", "photogrammetry"],
+    &["archive", "optics"],
+    &["photogrammetry"],
 ];
 
 /// The modules of `src`, lowest layer first.

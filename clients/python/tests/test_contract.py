@@ -123,6 +123,7 @@ def calls(client: Client, folder: Path) -> Dict[str, Callable[[], Any]]:
         "poses": lambda: (
             client.poses(b"name,x,y,z\n", file_format="csv", expected=2, radius_mm=140.0),
             client.poses(b"name,x,y,z\n", scan="s", pair_from="a", pair_to="b", pair_mm=1.5),
+            client.poses(b"name,x,y,z\n", length_from=(0, 0.5, 1), length_to=[1, 2, -3], length_mm=1.5),
         ),
         "request": lambda: client.request("GET", "/v1/profiles/rig/lens/drift", query={"from": "1"}),
     }

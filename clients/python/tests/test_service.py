@@ -175,6 +175,13 @@ def test_poses_of_a_turntable_are_reported(client: Client, calibrated: Tuple[str
     with pytest.raises(PinstackError, match="no views yet"):
         client.poses(table, scan="posed")
     client.delete_scan("posed")
+    model = tmp_path / "model"
+    model.mkdir()
+    (model / "points3D.txt").write_text("not sent")
+    (model / "cameras.txt").write_text("1 SIMPLE_PINHOLE 810 540 2712.5 405 270\n")
+    (model / "images.txt").write_text("1 0.5 -0.5 0.5 0.5 0 0 141 1 pan000_tilt00.png\n\n")
+    report = client.poses(model)
+    assert (report["format"], report["registered"]) == ("colmap_text", 1)
     with pytest.raises(PinstackError) as caught:
         client.poses(b"not a file of poses")
     assert caught.value.status == 422

@@ -61,6 +61,7 @@ pub use scan::{Ignored, ScanArchive, ScanRules, ScanView, open_scan};
 pub use slices::ArchivedSlices;
 
 use container::Container;
+use members::Member;
 use messages::invalid;
 
 /// A zip whose directory and picture headers are valid, with its slices in order.
@@ -187,15 +188,31 @@ pub fn open_in_memory(zip: Vec<u8>, limits: &ArchiveLimits) -> Result<StackArchi
     checked(Container::in_memory(zip, limits)?, limits, u64::MAX)
 }
 
-/// The bytes of the file `name` in the zip at `path`, as of a bundle.
+/// The name of a file, and its bytes.
+pub type NamedFile = (String, Vec<u8>);
+
+/// Of each pair of names the first that the zip has in whatever folder, and its bytes. Nothing else is decompressed.
 ///
 /// # Errors
-/// [`ErrorKind::InvalidArchive`] if there is no such file, and as [`open`] for a zip that cannot be read.
-pub fn read_file(path: &Path, name: &str, limits: &ArchiveLimits) -> Result<Vec<u8>, Error> {
-    let container = Container::open_file(path, limits)?;
-    let found = container.members()?.into_iter().find(|member| member.name == name);
-    let member = found.ok_or_else(|| invalid(name, format!("the zip has no file {name}; check its name")))?;
-    container.read(&member, limits)
+/// [`ErrorKind::InvalidArchive`] if several folders have such files, and as [`open`] for a zip that cannot be read.
+pub fn read_files(
+    zip: Vec<u8>,
+    wanted: [[&str; 2]; 2],
+    limits: &ArchiveLimits,
+) -> Result<[Option<NamedFile>; 2], Error> {
+    let container = Container::in_memory(zip, limits)?;
+    let is = |member: &Member, name: &str| member.name.rsplit('/').next() == Some(name);
+    let mut members = container.members()?;
+    members.retain(|member| wanted.as_flattened().iter().any(|name| is(member, name)));
+    if let Some(other) = members.iter().find(|member| member.folder() != members[0].folder()) {
+        let both = format!("the zip has {} and {} in two folders; zip one folder", members[0].name, other.name);
+        return Err(invalid(&other.name, both));
+    }
+    let read = |names: [&str; 2]| {
+        let found = names.iter().find_map(|name| members.iter().find(|member| is(member, name)));
+        found.map(|member| Ok((member.name.clone(), container.read(member, limits)?))).transpose()
+    };
+    Ok([read(wanted[0])?, read(wanted[1])?])
 }
 
 fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<StackArchive, Error> {

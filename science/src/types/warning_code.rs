@@ -134,6 +134,8 @@ codes! {
     FirstOrder "first_order"
     // the poses
     NoSurface "no_surface"
+    SeveralCameras "several_cameras"
+    KnownLengthDisagrees "known_length_disagrees"
     OneRing "one_ring"
     NoScale "no_scale"
     NotRegistered "not_registered"

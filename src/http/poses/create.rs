@@ -13,9 +13,10 @@ use pinstack_science::photogrammetry::poses::PoseReport;
 /// residual of each view. Commanded angles come from the names of the views (`pan020_tilt06`) or from the columns
 /// `pan_deg` and `tilt_deg` of a CSV file. Nothing is stored.
 ///
-/// The body is a file as the program writes it: COLMAP `images.txt` or `images.bin`, AliceVision or Meshroom
-/// `cameras.sfm`, Metashape XML, OpenMVG `sfm_data.json`, or CSV with the columns `name`, `x`, `y`, `z`. Lengths are in
-/// mm if `radius_mm` or a pair of views gives the scale; otherwise they are shares of the radius.
+/// The body is a file as the program writes it: COLMAP `images.txt` or `images.bin`, or a zip of the folder of the
+/// model, of which `images` and `cameras` are read; AliceVision or Meshroom `cameras.sfm`, Metashape XML, OpenMVG
+/// `sfm_data.json`, or CSV with the columns `name`, `x`, `y`, `z`. Lengths are in mm if `radius_mm` or a pair of views
+/// gives the scale; otherwise they are shares of the radius.
 #[utoipa::path(
     post,
     path = "/v1/poses",

@@ -33,7 +33,7 @@ use crate::{
     store::SpoolFile,
 };
 use pinstack_science::photogrammetry::poses::{
-    self, Commanded, Distance, KnownScale, PoseFormat, PoseOptions, PoseReport,
+    self, Commanded, Distance, KnownScale, MAX_FOCAL_PX, PoseFormat, PoseOptions, PoseReport,
 };
 use pinstack_science::types::error::ErrorLocation;
 
@@ -41,8 +41,6 @@ use pinstack_science::types::error::ErrorLocation;
 pub const MAX_BYTES: u64 = 128 << 20;
 /// Largest known length, mm.
 const MAX_MM: f64 = 100_000.0;
-/// Largest focal length, px.
-const MAX_PX: f64 = 1e8;
 /// Files that are read at a time.
 static READERS: Semaphore = Semaphore::const_new(2);
 
@@ -71,8 +69,18 @@ pub struct PoseQuery {
     /// The distance between them, mm.
     #[param(exclusive_minimum = 0.0, maximum = 100_000.0)]
     pub pair_mm: Option<f64>,
-    /// Focal length that the program found, px (COLMAP: the first of `PARAMS` in `cameras.txt`). For a scan it is
-    /// compared with the principal distance of its profile.
+    /// A point of the object in the coordinates of the file, `x,y,z`. With `length_to` and `length_mm`: a known length,
+    /// which checks scale and focal length.
+    #[param(value_type = Option<String>)]
+    pub length_from: Option<Vec<f64>>,
+    /// Another point of the object, `x,y,z`.
+    #[param(value_type = Option<String>)]
+    pub length_to: Option<Vec<f64>>,
+    /// The distance between them on the object, mm.
+    #[param(exclusive_minimum = 0.0, maximum = 100_000.0)]
+    pub length_mm: Option<f64>,
+    /// Focal length that the program found, px, instead of that of the file. For a scan it is compared with the
+    /// principal distance of its profile.
     #[param(exclusive_minimum = 0.0, maximum = 100_000_000.0)]
     pub focal_px: Option<f64>,
     /// Its standard deviation, px.
@@ -105,8 +113,9 @@ impl PoseQuery {
         for (name, value, most) in [
             ("radius_mm", query.radius_mm, MAX_MM),
             ("pair_mm", query.pair_mm, MAX_MM),
-            ("focal_px", query.focal_px, MAX_PX),
-            ("focal_sigma_px", query.focal_sigma_px, MAX_PX),
+            ("length_mm", query.length_mm, MAX_MM),
+            ("focal_px", query.focal_px, MAX_FOCAL_PX),
+            ("focal_sigma_px", query.focal_sigma_px, MAX_FOCAL_PX),
         ] {
             if value.is_some_and(|value| !(value > 0.0 && value <= most)) {
                 return Err(outside(name, &format!("{name} must be greater than 0 and at most {most}")));
@@ -153,12 +162,14 @@ pub async fn report(
     known: KnownViews,
 ) -> ApiResult<Response> {
     let scale = scale(&query, known.radius_mm)?;
+    let known_length = known_length(&query)?;
     let format = query.format;
     let options = PoseOptions {
         expected: query.expected.or(known.expected),
         scale,
         focal_length: query.focal_px.map(|px| Distance { px, sigma_px: query.focal_sigma_px }),
         principal_distance: known.principal_distance,
+        known_length,
         commanded: known.commanded,
     };
     let file = receive(app, caller, headers, body).await?;
@@ -206,6 +217,19 @@ fn scale(query: &PoseQuery, of_scan: Option<f64>) -> ApiResult<Option<KnownScale
         (None, (None, None, None)) => Ok(of_scan.map(|mm| KnownScale::Radius { mm })),
         (Some(_), _) => Err(invalid("radius_mm and a pair give the scale twice; give one of them")),
         (None, _) => Err(invalid("a known distance needs pair_from, pair_to and pair_mm; one of them is missing")),
+    }
+}
+
+/// The known length of the object that the query gives.
+fn known_length(query: &PoseQuery) -> ApiResult<Option<([[f64; 3]; 2], f64)>> {
+    let point = |name: &str, point: &[f64]| match *point {
+        [x, y, z] if [x, y, z].iter().all(|value| value.abs() < 1e12) => Ok([x, y, z]),
+        _ => Err(outside(name, &format!("{name} must be three numbers, x,y,z, below 1e12"))),
+    };
+    match (&query.length_from, &query.length_to, query.length_mm) {
+        (Some(from), Some(to), Some(mm)) => Ok(Some(([point("length_from", from)?, point("length_to", to)?], mm))),
+        (None, None, None) => Ok(None),
+        _ => Err(invalid("a known length needs length_from, length_to and length_mm; one of them is missing")),
     }
 }
 

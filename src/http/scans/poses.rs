@@ -17,9 +17,9 @@ use pinstack_science::photogrammetry::poses::{Commanded, Distance, PoseReport};
 /// Report on the camera poses of a scan
 ///
 /// As `POST /v1/poses`. The commanded angles are those of the views of the scan, the number of expected views is its
-/// `expected_views` or the number of its views, and its `radius_mm` gives the scale. `focal_px` is compared with the
-/// principal distance of the profile that the views were fused with. Views of the file that the scan does not have are
-/// named.
+/// `expected_views` or the number of its views, and its `radius_mm` gives the scale. The focal length of the file (of
+/// COLMAP, of a zip of the folder of the model), or `focal_px`, is compared with the principal distance of the profile
+/// that the views were fused with. Views of the file that the scan does not have are named.
 #[utoipa::path(
     post,
     path = "/v1/scans/{scan}/poses",

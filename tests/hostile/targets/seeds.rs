@@ -108,7 +108,7 @@ pub fn names() -> Seeds {
     ])
 }
 
-/// Camera poses in the formats of text, and a binary file of COLMAP.
+/// Camera poses in the formats of text, a binary file of COLMAP, and zips of COLMAP models.
 pub fn poses() -> Seeds {
     let centre = |k: u64| 1.0 + k as f64;
     let mut binary = 3_u64.to_le_bytes().to_vec();
@@ -124,15 +124,24 @@ pub fn poses() -> Seeds {
     let colmap = "# Image list\n1 1 0 0 0 1 2 3 1 pan000_tilt00.png\n\n2 0.995 0.1 0 0 2 2 3 1 pan020_tilt00.png\n\n3 1 0 0 0 3 1 3 1 a.png\n\n";
     let csv = "name,x,y,z,pan_deg,tilt_deg\na.png,1,0,0,0,0\nb.png,0,1,0,90,0\nc.png,-1,0,0,180,0\nd.png,0,0,1,0,90\n";
     let sfm = json!({ "version": ["1", "2", "8"],
-        "views": [{ "viewId": "1", "poseId": "1", "path": "pan000_tilt00.png" }],
+        "views": [{ "viewId": "1", "poseId": "1", "intrinsicId": "4", "path": "pan000_tilt00.png" }],
+        "intrinsics": [{ "intrinsicId": "4", "width": "99", "sensorWidth": "36", "focalLength": "65" },
+            { "intrinsicId": "5", "pxFocalLength": ["990", "1010"] }],
         "poses": [{ "poseId": "1", "pose": { "transform": {
             "rotation": ["1", "0", "0", "0", "1", "0", "0", "0", "1"], "center": ["1", "2", "3"] } } }] });
     let openmvg = json!({ "sfm_data_version": "0.3",
-        "views": [{ "key": 0, "value": { "ptr_wrapper": { "data": { "filename": "a.png", "id_view": 0, "id_pose": 0 } } } }],
+        "views": [{ "key": 0, "value": { "ptr_wrapper": { "data": { "filename": "a.png", "id_view": 0, "id_pose": 0, "id_intrinsic": 0 } } } }],
+        "intrinsics": [{ "key": 0, "value": { "ptr_wrapper": { "data": { "focal_length": [990.0, 1010.0] } } } }],
         "extrinsics": [{ "key": 0, "value": { "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "center": [1, 2, 3] } }] });
-    let metashape = "<document><chunk><cameras><camera id=\"0\" label=\"pan000_tilt00\"><transform>1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1\
+    let metashape = "<document><chunk><sensors><sensor id=\"0\"><calibration class=\"adjusted\"><f>1000</f></calibration></sensor>\
+        </sensors><cameras><camera id=\"0\" sensor_id=\"0\" label=\"pan000_tilt00\"><transform>1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1\
         </transform></camera></cameras></chunk></document>";
+    let pinhole = [1000.0, 1001.0, 50.0, 40.0].map(f64::to_le_bytes).concat();
+    let cameras = [&[1, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0][..], &[9; 16], &pinhole].concat();
+    let cameras_text = b"# Camera list\n1 SIMPLE_RADIAL 99 66 1000 50 33 0.1\n".to_vec();
     named([
+        ("colmap_text_model", zip(&[("0/images.txt", colmap.into()), ("0/cameras.txt", cameras_text)])),
+        ("colmap_binary_model", zip(&[("images.bin", binary.clone()), ("cameras.bin", cameras)])),
         ("colmap_text", colmap.into()),
         ("colmap_binary", binary),
         ("csv", csv.into()),

@@ -391,11 +391,13 @@ class Client:
 
         Args:
             file: path or bytes of the poses, as COLMAP, AliceVision, Meshroom, Metashape or OpenMVG write them, or CSV.
+                The folder of a COLMAP model has the focal length, too, which is compared with that of the calibration.
             scan: the scan that was reconstructed: gives commanded angles, expected views and radius. Without it the
                 angles are those of the names of the views.
-            options: ``file_format``, ``expected``, ``radius_mm``, or ``pair_from``, ``pair_to`` and ``pair_mm``.
+            options: ``file_format``, ``expected``, ``radius_mm``, or ``pair_from``, ``pair_to`` and ``pair_mm``; as a
+                known length of the object ``length_from``, ``length_to`` (x, y, z in the file) and ``length_mm``.
 
-        >>> client.poses("model/0/images.bin", scan="beetle")["pan_steps"]                 # doctest: +SKIP
+        >>> client.poses("model/0", scan="beetle")["pan_steps"]                            # doctest: +SKIP
         """
         return self._transport.run(self._do.poses(file, scan, options))
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import zipfile
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Optional, Sequence, Union
 
@@ -248,11 +250,23 @@ class Operations:
         return _downloads.save(path("v1", "scans", scan, "bundle"), parameters, {}, Path(to), self.retry, on_bytes)
 
     def poses(self, file: Union[PathLike, bytes], scan: Optional[str], options: Mapping[str, Any]) -> Operation[Any]:
-        body: bytes = file if isinstance(file, bytes) else (yield Call(on_disk(Path(file)).read_bytes))
+        body: bytes = file if isinstance(file, bytes) else (yield Call(partial(poses_of, on_disk(Path(file)))))
         at = "/v1/poses" if scan is None else path("v1", "scans", scan, "poses")
         headers = {"content-type": "application/octet-stream"}
         request = Request("POST", at, query(**options), headers, body, repeatable=True)
         return (yield from send(request, self.retry)).json()
+
+
+def poses_of(path: Path) -> bytes:
+    """The file, or a zip of the files of a COLMAP model that the report reads."""
+    if not path.is_dir():
+        return path.read_bytes()
+    zipped = io.BytesIO()
+    with zipfile.ZipFile(zipped, "w", zipfile.ZIP_DEFLATED) as model:
+        for name in ("images.bin", "images.txt", "cameras.bin", "cameras.txt"):
+            if (path / name).is_file():
+                model.write(path / name, name)
+    return zipped.getvalue()
 
 
 def job_path(job: Reference) -> str:

@@ -191,12 +191,18 @@ fn what_pack_writes_is_read_and_is_the_same_every_time() {
 }
 
 #[test]
-fn a_file_of_a_zip_is_read_by_its_name() {
-    let mut file = tempfile::NamedTempFile::new().unwrap();
-    file.write_all(&zip(&[entry("README.txt", b"read me"), entry("sparse/0/images.txt", b"1 0 0\n")])).unwrap();
+fn files_of_one_folder_are_read_by_their_names() {
+    let members = [
+        entry("README.txt", b"read me"),
+        entry("sparse/0/b.txt", b"2"),
+        entry("sparse/0/a.txt", b"1"),
+        entry("sparse/0/d.txt", b"4"),
+    ];
+    let wanted = [["a.txt", "b.txt"], ["c.txt", "README"]];
     let limits = ArchiveLimits::default();
-    assert_eq!(read_file(file.path(), "sparse/0/images.txt", &limits).unwrap(), b"1 0 0\n");
-    let missing = read_file(file.path(), "images.txt", &limits).unwrap_err();
-    assert_eq!(missing.kind, ErrorKind::InvalidArchive);
-    assert!(missing.detail.contains("no file images.txt"), "{}", missing.detail);
+    let found = read_files(zip(&members), wanted, &limits).unwrap();
+    assert_eq!(found, [Some(("sparse/0/a.txt".into(), b"1".to_vec())), None]);
+    let scattered = read_files(zip(&[&members[..], &[entry("c.txt", b"3")]].concat()), wanted, &limits).unwrap_err();
+    assert_eq!(scattered.kind, ErrorKind::InvalidArchive);
+    assert_eq!(scattered.detail, "the zip has sparse/0/b.txt and c.txt in two folders; zip one folder");
 }

@@ -19,14 +19,16 @@ use utoipa::ToSchema;
 
 use crate::types::{Error, error::ErrorKind, text::folded};
 
-pub use readers::read;
+pub use readers::{COLMAP_MODEL, read};
 pub use report::{
-    FocalLengthReport, LengthUnit, PoseReport, ScaleReport, ScaleSource, StepReport, SurfaceKind, SurfaceReport,
-    ViewPose, report,
+    FocalLengthReport, KnownLengthReport, LengthUnit, PoseReport, ScaleReport, ScaleSource, StepReport, SurfaceKind,
+    SurfaceReport, ViewPose, report,
 };
 
 /// Most views of a file.
 pub const MAX_VIEWS: usize = 10_000;
+/// Largest focal length, px.
+pub const MAX_FOCAL_PX: f64 = 1e8;
 
 /// A file of camera poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -68,6 +70,8 @@ pub struct PoseFile {
     pub poses: Vec<Pose>,
     /// Names of views without a pose, where the file lists them.
     pub unregistered: Vec<String>,
+    /// The focal length of each registered view, px, where the file has it.
+    pub focal_px: Vec<f64>,
 }
 
 /// A view that should be registered, with the angles that the turntable was commanded to.
@@ -108,9 +112,9 @@ pub struct Distance {
 }
 
 impl Distance {
-    /// The standard deviation over the distance; 0 when it is unknown.
-    fn relative_sigma(self) -> f64 {
-        self.sigma_px.unwrap_or_default() / self.px
+    /// The standard deviation over the distance.
+    fn relative_sigma(self) -> Option<f64> {
+        self.sigma_px.map(|sigma| sigma / self.px)
     }
 }
 
@@ -121,10 +125,12 @@ pub struct PoseOptions {
     pub expected: Option<u32>,
     /// A known length.
     pub scale: Option<KnownScale>,
-    /// The focal length that the program found.
+    /// The focal length that the program found; `None`: that of the file, where it has one.
     pub focal_length: Option<Distance>,
     /// The principal distance of the camera that took the images.
     pub principal_distance: Option<Distance>,
+    /// Two points of the object in the world and the unit of the file, and their known distance, mm: checks the scale.
+    pub known_length: Option<([[f64; 3]; 2], f64)>,
     /// The views that should be registered. If empty, angles come from the file or from the names of the images.
     pub commanded: Vec<Commanded>,
 }

@@ -12,9 +12,9 @@ mod views;
 use self::{
     axis::{of_axes, sense},
     findings::findings_of,
-    focal_length::{compared, not_checked},
+    focal_length::{compared, not_checked, of_reconstruction},
     residuals::view_poses,
-    scale::scale,
+    scale::{known_length, scale},
     surface::Surface,
     views::Views,
 };
@@ -24,8 +24,8 @@ use crate::types::Error;
 use crate::types::error::ErrorKind;
 
 pub use self::types::{
-    FocalLengthReport, LengthUnit, PoseReport, ScaleReport, ScaleSource, StepReport, SurfaceKind, SurfaceReport,
-    ViewPose,
+    FocalLengthReport, KnownLengthReport, LengthUnit, PoseReport, ScaleReport, ScaleSource, StepReport, SurfaceKind,
+    SurfaceReport, ViewPose,
 };
 
 #[cfg(test)]
@@ -34,7 +34,8 @@ mod tests;
 /// Measures the poses of a file.
 ///
 /// # Errors
-/// [`ErrorKind::InvalidParameter`] when a view that is to give the scale is not registered;
+/// [`ErrorKind::InvalidParameter`] when a view that is to give the scale is not registered, or a known length has no
+/// scale to be compared with;
 /// [`ErrorKind::InvalidPoses`] when no view of the file is among the views that should be registered.
 ///
 /// # Example
@@ -60,7 +61,10 @@ pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Erro
     let angles = surface.as_ref().and_then(|surface| surface.angles(&poses, &commanded));
     let axes = of_axes(&poses, &commanded);
     let scale = scale(&poses, options, surface.as_ref(), &commanded, &mut findings)?;
-    let focal_length = compared(options, &mut findings);
+    let surface_report = surface.as_ref().map(|surface| surface.report(scale.per_file_unit));
+    let known_length = known_length(options, scale, surface_report.as_ref(), &mut findings)?;
+    let found = of_reconstruction(file, options, &mut findings);
+    let focal_length = compared(found, options.principal_distance, &mut findings);
     let views = view_poses(&poses, &commanded, surface.as_ref(), angles.as_ref(), scale.per_file_unit);
     let steps = |steps: Option<Steps>| steps.map(StepReport::from);
     let turntable = angles.as_ref().map(|(_, turntable)| turntable);
@@ -83,7 +87,7 @@ pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Erro
         unknown,
         duplicates,
         scale,
-        surface: surface.as_ref().map(|surface| surface.report(scale.per_file_unit)),
+        surface: surface_report,
         axis: sense.map(|(axis, _)| axis),
         pan_is_clockwise: sense.map(|(_, is_clockwise)| is_clockwise),
         pan_steps: steps(turntable.and_then(|turntable| turntable.pan_steps)),
@@ -93,7 +97,8 @@ pub fn report(file: &PoseFile, options: &PoseOptions) -> Result<PoseReport, Erro
         views,
         findings,
         focal_length,
-        not_checked: not_checked(options),
+        known_length,
+        not_checked: not_checked(found, options.principal_distance).filter(|_| known_length.is_none()),
     };
     let more = findings_of(&report, turntable.is_some());
     report.findings.extend(more);

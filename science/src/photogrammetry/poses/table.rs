@@ -116,15 +116,21 @@ impl PoseReport {
             ScaleSource::ViewPair => "the known distance of two views",
         };
         rows.push(single("scale", scale.to_owned()));
-        let px = |px: f64, sigma: Option<f64>| match sigma {
-            Some(sigma) => format!("{px:.1} +- {sigma:.1}"),
-            None => format!("{px:.1}"),
+        let px = |px: f64, sigma: Option<f64>| {
+            format!("{px:.1} +- {}", sigma.map_or_else(|| "unknown".to_owned(), |sigma| format!("{sigma:.1}")))
         };
         if let Some(of) = &self.focal_length {
             let found = px(of.reconstruction_px, of.reconstruction_sigma_px);
             let camera = px(of.camera_px, of.camera_sigma_px);
             let value = format!("{found}, of the camera {camera} ({:+.2} %)", of.difference_percent);
             rows.push(single("focal length (px)", value));
+        }
+        if let Some(of) = &self.known_length {
+            let value = format!(
+                "{:.3}, on the object {:.3} ({:+.2} %)",
+                of.reconstruction_mm, of.known_mm, of.difference_percent
+            );
+            rows.push(single("known length (mm)", value));
         }
         rows
     }

@@ -1,5 +1,6 @@
 //! The report against turntables of known geometry, and every format against the same poses.
 
+mod cameras;
 mod formats;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -50,7 +51,7 @@ fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
 }
 
 fn file(poses: Vec<Pose>) -> PoseFile {
-    PoseFile { format: PoseFormat::ColmapText, poses, unregistered: Vec::new() }
+    PoseFile { format: PoseFormat::ColmapText, poses, unregistered: Vec::new(), focal_px: Vec::new() }
 }
 
 fn reported(poses: Vec<Pose>) -> PoseReport {

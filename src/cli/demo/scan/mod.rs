@@ -26,6 +26,7 @@ use crate::cli::output::{note, say};
 use pinstack_science::{
     archive::{self, ArchiveLimits},
     imaging::{Raster, codec},
+    photogrammetry::poses::COLMAP_MODEL,
 };
 
 // the names used in docs/TUTORIAL.md
@@ -231,7 +232,8 @@ impl Scan<'_> {
     async fn bundle(&self) -> Result<(usize, f64)> {
         let zip = self.client.get_bytes(&format!("/v1/scans/{SCAN}/bundle?layout=colmap")).await?;
         self.write("bundle.zip", &zip)?;
-        let images = archive::read_file(&self.out.join("bundle.zip"), "sparse/0/images.txt", &ArchiveLimits::scan())?;
+        let [images, _] = archive::read_files(zip, COLMAP_MODEL, &ArchiveLimits::scan())?;
+        let (_, images) = images.context("the bundle has no poses")?;
         let report = self.client.post_bytes(&format!("/v1/scans/{SCAN}/poses?format=text"), images.clone()).await?;
         self.write("poses.txt", &report)?;
         score::of_poses(self.setup, &images)

@@ -18,7 +18,7 @@ pub(super) fn read(bytes: &[u8], found: &mut Found) -> Result<(), Error> {
         let not_utf8 = || invalid(format!("{}: its name is not UTF-8; rename the image in UTF-8 or ASCII", place()));
         let pose = colmap_pose(record.name.ok_or_else(not_utf8)?, record.quaternion, record.translation)
             .ok_or_else(|| invalid(format!("{}: the quaternion has no length", place())))?;
-        found.pose(pose, place)?;
+        found.pose(pose, &record.camera.to_string(), place)?;
     }
     if rest.at < bytes.len() {
         return Err(invalid(format!(
@@ -40,23 +40,25 @@ fn truncated(image: u64) -> Error {
 struct Record {
     quaternion: [f64; 4],
     translation: [f64; 3],
+    camera: u32,
     /// `None` for one that is not UTF-8.
     name: Option<String>,
 }
 
-struct Rest<'a> {
-    bytes: &'a [u8],
-    at: usize,
+/// What is left of a file.
+pub(super) struct Rest<'a> {
+    pub bytes: &'a [u8],
+    pub at: usize,
 }
 
 impl Rest<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+    pub(super) fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
         let taken = self.bytes.get(self.at..self.at.checked_add(N)?)?;
         self.at += N;
         taken.try_into().ok()
     }
 
-    fn numbers<const N: usize>(&mut self) -> Option<[f64; N]> {
+    pub(super) fn numbers<const N: usize>(&mut self) -> Option<[f64; N]> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
             *number = f64::from_le_bytes(self.take()?);
@@ -67,7 +69,7 @@ impl Rest<'_> {
     fn image(&mut self) -> Option<Record> {
         self.take::<4>()?;
         let (quaternion, translation) = (self.numbers()?, self.numbers()?);
-        self.take::<4>()?;
+        let camera = u32::from_le_bytes(self.take()?);
         let tail = self.bytes.get(self.at..)?;
         let length = tail.iter().take(MAX_NAME + 1).position(|byte| *byte == 0)?;
         let name = str::from_utf8(tail.get(..length)?).ok().map(str::to_owned);
@@ -78,6 +80,6 @@ impl Rest<'_> {
             return None;
         }
         self.at = end;
-        Some(Record { quaternion, translation, name })
+        Some(Record { quaternion, translation, camera, name })
     }
 }

@@ -34,7 +34,7 @@ pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
         }
         let [_, w, x, y, z, tx, ty, tz, _] = numbers;
         let pose = colmap_pose(rest.to_owned(), [w, x, y, z], [tx, ty, tz]);
-        found.pose(pose.ok_or_else(|| wrong(at, "the quaternion has no length"))?, place)?;
+        found.pose(pose.ok_or_else(|| wrong(at, "the quaternion has no length"))?, words[8], place)?;
         if let Some((at, _)) = lines.next().filter(|(_, points)| is_an_image(points)) {
             return Err(wrong(at, "a line of points is missing before this image"));
         }

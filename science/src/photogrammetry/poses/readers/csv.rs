@@ -94,7 +94,7 @@ pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
         match (number(1)?, number(2)?, number(3)?) {
             (Some(x), Some(y), Some(z)) => {
                 let pose = Pose { name, centre: [x, y, z], rotation: None, commanded_deg: angles };
-                found.pose(pose, place)?;
+                found.pose(pose, "", place)?;
             }
             (None, None, None) => found.unregistered(name, place)?,
             _ => return Err(invalid(format!("line {line}: of x, y and z one is missing"))),

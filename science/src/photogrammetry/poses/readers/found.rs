@@ -1,7 +1,9 @@
-//! The views that a reader has found, each checked when it is added.
+//! The views and cameras that a reader has found, each checked when it is added.
+
+use std::collections::HashMap;
 
 use crate::{
-    photogrammetry::poses::{MAX_VIEWS, Pose, invalid},
+    photogrammetry::poses::{MAX_FOCAL_PX, MAX_VIEWS, Pose, invalid},
     types::Error,
 };
 
@@ -13,11 +15,22 @@ pub(super) const MAX_NAME: usize = 4096;
 pub(super) struct Found {
     pub poses: Vec<Pose>,
     pub unregistered: Vec<String>,
+    /// The focal length of each registered view whose camera has one, px.
+    pub focal_px: Vec<f64>,
+    /// Focal lengths of the cameras by their ids, px.
+    cameras: HashMap<String, f64>,
 }
 
 impl Found {
-    /// Adds a registered view. `place` says where it is in the file.
-    pub(super) fn pose(&mut self, pose: Pose, place: impl Fn() -> String) -> Result<(), Error> {
+    /// Adds a camera, unless its focal length is none. To be called before its views are added.
+    pub(super) fn camera(&mut self, id: impl Into<String>, focal_px: f64) {
+        if focal_px > 0.0 && focal_px <= MAX_FOCAL_PX {
+            self.cameras.insert(id.into(), focal_px);
+        }
+    }
+
+    /// Adds a registered view of a camera. `place` says where it is in the file.
+    pub(super) fn pose(&mut self, pose: Pose, camera: &str, place: impl Fn() -> String) -> Result<(), Error> {
         self.room()?;
         named(&pose.name, &place)?;
         let is_finite = |value: &f64| value.is_finite() && value.abs() < 1e12;
@@ -33,6 +46,7 @@ impl Found {
             return Err(invalid(detail));
         }
         self.poses.push(pose);
+        self.focal_px.extend(self.cameras.get(camera));
         Ok(())
     }
 

@@ -20,9 +20,9 @@ pub(super) struct Number(pub(super) f64);
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) struct Id(pub(super) String);
 
-struct NumberVisitor;
+struct NumberVisitor<const LISTS: bool>;
 
-impl Visitor<'_> for NumberVisitor {
+impl<'de, const LISTS: bool> Visitor<'de> for NumberVisitor<LISTS> {
     type Value = Number;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -44,11 +44,27 @@ impl Visitor<'_> for NumberVisitor {
     fn visit_str<E: de::Error>(self, text: &str) -> Result<Number, E> {
         text.trim().parse().map(Number).map_err(|_| E::invalid_value(de::Unexpected::Str(text), &self))
     }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Number, A::Error> {
+        if !LISTS {
+            return Err(de::Error::invalid_type(de::Unexpected::Seq, &self));
+        }
+        let (mut sum, mut count) = (0.0, 0.0);
+        while let Some(Number(value)) = list.next_element()? {
+            (sum, count) = (sum + value, count + 1.0);
+        }
+        Ok(Number(sum / count))
+    }
+}
+
+/// A focal length, or the mean of those of both axes.
+pub(super) fn mean<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Number>, D::Error> {
+    deserializer.deserialize_any(NumberVisitor::<true>).map(Some)
 }
 
 impl<'de> Deserialize<'de> for Number {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_any(NumberVisitor)
+        deserializer.deserialize_any(NumberVisitor::<false>)
     }
 }
 

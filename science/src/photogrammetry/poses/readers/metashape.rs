@@ -46,6 +46,9 @@ pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
         }
     }
     let of_chunk = World::of(&chunk)?.unwrap_or_default();
+    for sensor in children(chunk, "sensors").flat_map(|list| children(list, "sensor")) {
+        found.camera(sensor.attribute("id").unwrap_or_default(), focal_px(sensor).unwrap_or_default());
+    }
     for camera in cameras(&chunk) {
         // finding a line reads the text up to it, so only for an error
         let place = || format!("line {}", camera.document().text_pos_at(camera.range().start).row);
@@ -62,9 +65,18 @@ pub(super) fn read(text: &str, found: &mut Found) -> Result<(), Error> {
         let rotation = (world.rotation * from_camera).transpose();
         let centre = world.scale * (world.rotation * centre) + world.translation;
         let rotation = [0, 1, 2].map(|i| [0, 1, 2].map(|j| rotation[(i, j)]));
-        found.pose(Pose { name, centre: centre.into(), rotation: Some(rotation), commanded_deg: None }, place)?;
+        let pose = Pose { name, centre: centre.into(), rotation: Some(rotation), commanded_deg: None };
+        found.pose(pose, camera.attribute("sensor_id").unwrap_or_default(), place)?;
     }
     Ok(())
+}
+
+/// The focal length of a sensor, px: the adjusted one, if it has one; one per axis in old versions.
+fn focal_px(sensor: Node<'_, '_>) -> Option<f64> {
+    let calibrations = children(sensor, "calibration");
+    let calibration = calibrations.max_by_key(|node| node.attribute("class") == Some("adjusted"))?;
+    let value = |name: &str| Some(numbers::<1>(&child(&calibration, name)?).ok()?[0]);
+    value("f").or_else(|| Some((value("fx")? + value("fy")?) / 2.0))
 }
 
 /// Refuses what costs the parser the square of its size.

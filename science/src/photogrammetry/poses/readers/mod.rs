@@ -2,6 +2,7 @@
 
 mod alicevision;
 mod colmap_binary;
+mod colmap_cameras;
 mod colmap_text;
 mod csv;
 mod found;
@@ -13,20 +14,46 @@ mod openmvg;
 mod tests;
 
 use super::{PoseFile, PoseFormat, invalid};
-use crate::types::Error;
+use crate::{
+    archive::{self, ArchiveLimits},
+    types::{Error, ErrorKind},
+};
 use found::Found;
 
-/// Reads a file of camera poses. Without a format, the content decides.
+/// The files of a COLMAP model that are read. Binary files come first, because they are exact.
+pub const COLMAP_MODEL: [[&str; 2]; 2] = [["images.bin", "images.txt"], ["cameras.bin", "cameras.txt"]];
+/// Largest file of a zip, bytes.
+const MAX_MEMBER_BYTES: u64 = 128 << 20;
+
+/// Reads a file of camera poses, or a zip of the folder of a COLMAP model. Without a format, the content decides.
 ///
 /// # Errors
 /// [`crate::types::error::ErrorKind::InvalidPoses`], with the line or element: a file of another kind, truncated, with
 /// numbers that are not finite, with more than 10,000 views, or without a registered view.
 pub fn read(bytes: &[u8], format: Option<PoseFormat>) -> Result<PoseFile, Error> {
+    let mut found = Found::default();
+    if !bytes.starts_with(b"PK\x03\x04") {
+        return read_file(bytes, format, found);
+    }
+    let limits = ArchiveLimits { max_member_bytes: MAX_MEMBER_BYTES, ..ArchiveLimits::default() };
+    let read = archive::read_files(bytes.to_vec(), COLMAP_MODEL, &limits);
+    let [images, cameras] = read.map_err(|error| Error { kind: ErrorKind::InvalidPoses, ..error })?;
+    let (name, images) = images.ok_or_else(|| {
+        invalid("the zip has no images.bin or images.txt: zip the folder of a COLMAP model, or send the file itself")
+    })?;
+    if let Some((name, cameras)) = cameras {
+        colmap_cameras::read(&name, &cameras, &mut found)?;
+    }
+    let format = if name.ends_with(".bin") { PoseFormat::ColmapBinary } else { PoseFormat::ColmapText };
+    read_file(&images, Some(format), found)
+}
+
+/// Reads a file that is no zip, after its cameras where they are in a file of their own.
+fn read_file(bytes: &[u8], format: Option<PoseFormat>, mut found: Found) -> Result<PoseFile, Error> {
     let format = match format {
         Some(format) => format,
         None => detect(bytes)?,
     };
-    let mut found = Found::default();
     match format {
         PoseFormat::ColmapBinary => colmap_binary::read(bytes, &mut found)?,
         PoseFormat::ColmapText => colmap_text::read(text(bytes)?, &mut found)?,
@@ -35,7 +62,7 @@ pub fn read(bytes: &[u8], format: Option<PoseFormat>) -> Result<PoseFile, Error>
         PoseFormat::Openmvg => openmvg::read(text(bytes)?, &mut found)?,
         PoseFormat::Csv => csv::read(text(bytes)?, &mut found)?,
     }
-    let Found { poses, unregistered } = found;
+    let Found { poses, unregistered, focal_px, .. } = found;
     if poses.is_empty() {
         let listed = match unregistered.len() {
             0 => String::new(),
@@ -43,14 +70,14 @@ pub fn read(bytes: &[u8], format: Option<PoseFormat>) -> Result<PoseFile, Error>
         };
         return Err(invalid(format!("the file has no view with a pose{listed}; export the poses after the alignment")));
     }
-    Ok(PoseFile { format, poses, unregistered })
+    Ok(PoseFile { format, poses, unregistered, focal_px })
 }
 
 /// Finds the format of a file from its content.
 fn detect(bytes: &[u8]) -> Result<PoseFormat, Error> {
     refuse_utf16(bytes)?;
-    if [b"\x1F\x8B".as_slice(), b"PK\x03\x04"].iter().any(|magic| bytes.starts_with(magic)) {
-        return Err(invalid("the file is compressed (gzip or zip); unpack it, and send the file of the poses itself"));
+    if bytes.starts_with(b"\x1F\x8B") {
+        return Err(invalid("the file is compressed by gzip; unpack it, and send the file of the poses itself"));
     }
     let head = &bytes[..bytes.len().min(1 << 16)];
     if head.contains(&0) {

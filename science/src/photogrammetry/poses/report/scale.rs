@@ -1,10 +1,12 @@
-//! The scale of a reconstruction, which has none of its own: from a known radius or a known distance of two views.
+//! The scale of a reconstruction, which has none of its own: from a known radius or a known distance of two views. A
+//! known length of the object checks it.
 
 use nalgebra::Vector3;
 
 use super::{
+    focal_length::LEAST,
     surface::{Surface, common_tilt},
-    types::{LengthUnit, ScaleReport, ScaleSource, SurfaceKind},
+    types::{KnownLengthReport, LengthUnit, ScaleReport, ScaleSource, SurfaceKind, SurfaceReport},
 };
 use crate::{
     photogrammetry::poses::{KnownScale, Pose, PoseOptions, view_key},
@@ -68,6 +70,37 @@ pub(super) fn scale(
             Ok(ScaleReport { unit: LengthUnit::Mm, source: ScaleSource::ViewPair, per_file_unit: mm / apart })
         }
     }
+}
+
+/// A known length of the object against that of the reconstruction, with a finding where they differ by more than 2 %
+/// and three standard deviations of the radius.
+///
+/// With a focal length `k` times too long the cameras are `k` times too far from the object, and the known radius, or
+/// distance of two views, scales the object by `1 / k`.
+pub(super) fn known_length(
+    options: &PoseOptions,
+    scale: ScaleReport,
+    surface: Option<&SurfaceReport>,
+    findings: &mut Vec<Warning>,
+) -> Result<Option<KnownLengthReport>, Error> {
+    let Some(([from, to], known_mm)) = options.known_length else { return Ok(None) };
+    if scale.unit != LengthUnit::Mm {
+        let detail = "a known length is compared with a scale: give radius_mm, or pair_from, pair_to and pair_mm";
+        return Err(refused("length_mm", detail.to_owned()));
+    }
+    let reconstruction_mm = (Vector3::from(to) - Vector3::from(from)).norm() * scale.per_file_unit;
+    let difference_percent = 100.0 * (reconstruction_mm / known_mm - 1.0);
+    let limit = surface.map_or(0.0, |surface| 3.0 * surface.std_percent).max(100.0 * LEAST);
+    if difference_percent.abs() > limit {
+        let wrong = if difference_percent < 0.0 { "long" } else { "short" };
+        let detail = format!(
+            "the known length is {known_mm:.3} mm on the object and {reconstruction_mm:.3} mm in the reconstruction: \
+             {difference_percent:+.1} %, and {limit:.1} % is allowed; the focal length of the reconstruction is too {wrong} by \
+             about as much, or the known radius or distance of views is wrong"
+        );
+        findings.push(Warning::new(WarningCode::KnownLengthDisagrees, detail));
+    }
+    Ok(Some(KnownLengthReport { known_mm, reconstruction_mm, difference_percent }))
 }
 
 fn refused(parameter: &str, detail: String) -> Error {

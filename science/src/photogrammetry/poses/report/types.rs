@@ -48,6 +48,9 @@ pub struct PoseReport {
     /// The focal length of the reconstruction and that of the camera; null unless both are known.
     #[serde(default)]
     pub focal_length: Option<FocalLengthReport>,
+    /// A known length of the object and that of the reconstruction; null unless one was given.
+    #[serde(default)]
+    pub known_length: Option<KnownLengthReport>,
     /// What nothing in the report checks, as a sentence: whether the focal length is right. Null where something does.
     #[serde(default)]
     pub not_checked: Option<String>,
@@ -64,6 +67,17 @@ pub struct FocalLengthReport {
     pub camera_px: f64,
     /// Its standard deviation, px; null when it is unknown.
     pub camera_sigma_px: Option<f64>,
+    /// How much longer that of the reconstruction is, percent.
+    pub difference_percent: f64,
+}
+
+/// A known length of the object against the reconstruction, whose scale comes from the cameras.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct KnownLengthReport {
+    /// The known length, mm.
+    pub known_mm: f64,
+    /// The same length in the reconstruction, mm.
+    pub reconstruction_mm: f64,
     /// How much longer that of the reconstruction is, percent.
     pub difference_percent: f64,
 }
