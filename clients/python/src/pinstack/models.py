@@ -356,6 +356,14 @@ class Intrinsics(TypedDict):
     principal_point_px: NotRequired[Optional[List[float]]]
 
 
+class KnownLengthReport(TypedDict):
+    """A known length of the object against the reconstruction, whose scale comes from the cameras."""
+
+    difference_percent: float
+    known_mm: float
+    reconstruction_mm: float
+
+
 class LateralColour(TypedDict):
     """Where red and blue light falls relative to green light; the same in every slice."""
 
@@ -433,6 +441,7 @@ class PoseReport(TypedDict):
     findings: List[Warning]
     focal_length: NotRequired[Optional[FocalLengthReport]]
     format: PoseFormat
+    known_length: NotRequired[Optional[KnownLengthReport]]
     not_checked: NotRequired[Optional[str]]
     not_registered: List[str]
     pan_is_clockwise: NotRequired[Optional[bool]]

@@ -29,7 +29,8 @@ pub enum Kind {
     Photographed(usize),
 }
 
-/// The photographed stacks: the name of the folder with the pictures, and the profile that `photographed/align.py` found.
+/// The photographed stacks: the name of the folder with the pictures, and the profile that `photographed/align.py`
+/// found.
 pub const PHOTOGRAPHED: [(&str, &str); 5] = [
     ("newto12", include_str!("photographed/newto12.json")),
     ("pcb_depth10", include_str!("photographed/pcb_depth10.json")),
