@@ -13,7 +13,7 @@ pub(super) fn unlocked<T>(mutex: Mutex<T>) -> T {
 }
 
 /// Buffers that no thread uses at the moment: at most one per thread. (rayon's `map_init` makes new ones for each piece
-/// of work that a thread takes, which for tiles is each tile: filling fresh memory took a tenth of the time of a stack.)
+/// of work that a thread takes, which for tiles is each tile: filling fresh memory took a tenth of the time.)
 pub(super) struct Spare<T>(Mutex<Vec<T>>);
 
 impl<T> Spare<T> {
