@@ -27,11 +27,12 @@ def folder(zips: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("stack", "views/pan000_tilt15", "views/pan020_tilt15"):
         with zipfile.ZipFile(zips / "stack.zip") as stack:
             stack.extractall(tmp_path / name)
-    # what a reconstruction program wrote; the service reads it by its content
-    model = tmp_path / "model/0/images.bin"
-    model.parent.mkdir(parents=True)
+    # what COLMAP wrote
+    model = tmp_path / "model/0"
+    model.mkdir(parents=True)
     lines = [f"{at} 1 0 0 0 {at} 2 3 1 pan0{at - 1}0_tilt15.png\n\n" for at in (1, 3)]
-    model.write_text("".join(lines), "utf-8")
+    (model / "images.txt").write_text("".join(lines), "utf-8")
+    (model / "cameras.txt").write_text("1 SIMPLE_PINHOLE 810 540 2712.5 405 270\n", "utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
