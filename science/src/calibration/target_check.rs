@@ -6,8 +6,8 @@ use crate::{
     types::{Cancelled, Control},
 };
 
-/// Longer side of the reduced copy that is searched, px. Every stack is searched, so it is small: 80 columns of dots
-/// are found in it, and twice the side would take four times as long.
+/// Longer side of the reduced copy that is searched, px. Every stack is searched, so the copy is small; 80 columns of
+/// dots are still found in it.
 const SIDE: usize = 600;
 /// Least number of dots.
 const MIN_DOTS: usize = 60;

@@ -12,8 +12,8 @@ pub(super) fn unlocked<T>(mutex: Mutex<T>) -> T {
     mutex.into_inner().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Buffers that no thread uses at the moment: at most one per thread. (rayon's `map_init` makes new ones for each piece
-/// of work that a thread takes, which for tiles is each tile: filling fresh memory took a tenth of the time.)
+/// Buffers that no thread uses at the moment: at most one per thread. rayon's `map_init` would make new ones for each
+/// piece of work that a thread takes, which for tiles is each tile.
 pub(super) struct Spare<T>(Mutex<Vec<T>>);
 
 impl<T> Spare<T> {

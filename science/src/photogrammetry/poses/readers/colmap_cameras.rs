@@ -4,7 +4,10 @@
 //! <https://colmap.github.io/format.html#cameras-txt>
 
 use super::{colmap_binary::Rest, found::Found};
-use crate::{photogrammetry::poses::invalid, types::Error};
+use crate::{
+    photogrammetry::poses::{MAX_VIEWS, invalid},
+    types::Error,
+};
 
 /// The camera models in the order of their ids.
 const MODELS: &str = "SIMPLE_PINHOLE PINHOLE SIMPLE_RADIAL RADIAL OPENCV OPENCV_FISHEYE FULL_OPENCV FOV \
@@ -22,6 +25,11 @@ pub(super) fn read(name: &str, bytes: &[u8], found: &mut Found) -> Result<(), Er
     let mut lines = text.lines().filter(|line| !line.starts_with('#') && !line.trim().is_empty());
     let is_binary = name.ends_with(".bin");
     let count = if is_binary { rest.take().map_or(1, u64::from_le_bytes) } else { lines.clone().count() as u64 };
+    if count > MAX_VIEWS as u64 {
+        return Err(invalid(format!(
+            "{name}: {count} cameras; a scan has at most {MAX_VIEWS} views, each with one camera"
+        )));
+    }
     for at in 1..=count {
         let camera = if is_binary { of_record(&mut rest) } else { lines.next().and_then(of_line) };
         let (id, focal_px) = camera.ok_or_else(|| {

@@ -127,7 +127,7 @@ fn a_zip_that_is_no_model_is_refused_with_what_to_send() {
         assert!(detail.starts_with("cameras.txt: camera 1 of 1 is damaged, or its model"), "{cameras}: {detail}");
         assert!(detail.ends_with("send the file of the images alone, and give focal_px"), "{detail}");
     }
-    let many = u64::MAX.to_le_bytes();
+    let many = 10_000_u64.to_le_bytes();
     for cameras in [&many[..], &[1, 2, 3], &[&many[..], &camera_record(1, 99, &[])].concat(), b""] {
         let detail = refused(&zipped(&[("images.txt", images), ("cameras.bin", cameras)]));
         assert!(detail.starts_with("cameras.bin: camera 1 of "), "{detail}");
@@ -183,5 +183,16 @@ fn alicevision_openmvg_and_metashape_have_the_focal_length_beside_the_poses() {
         let other = "<sensor id=\"1\"><calibration><f>5</f></calibration></sensor><sensor id=\"2\"/>";
         let sensors = format!("<sensors><sensor id=\"0\">{calibrations}</sensor>{other}</sensors><cameras>");
         assert_eq!(focal_px(xml.replace("<cameras>", &sensors).as_bytes()), vec![1000.0; 36], "{calibrations}");
+    }
+}
+
+#[test]
+fn more_cameras_than_a_scan_has_views_are_refused() {
+    let images = colmap_text(&poses());
+    let text: String = (0..=10_000).map(|id| camera_line(id, ("SIMPLE_PINHOLE", &[1000.0, 405.0, 270.0]))).collect();
+    let binary = u64::MAX.to_le_bytes();
+    for cameras in [("cameras.txt", text.as_bytes()), ("cameras.bin", &binary[..])] {
+        let detail = refused(&zipped(&[("images.txt", images.as_bytes()), cameras]));
+        assert!(detail.contains("cameras; a scan has at most 10000 views"), "{detail}");
     }
 }
