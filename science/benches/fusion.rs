@@ -87,7 +87,7 @@ fn whole_stack(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("stack");
     group.throughput(Throughput::Elements((WIDTH * HEIGHT * slices.len()) as u64)).sample_size(10);
     for metrics in [false, true] {
-        let request = FusionRequest { metrics, object: None, shown: None };
+        let request = FusionRequest { metrics, object: None, shown: None, decision: false };
         group.bench_function(format!("6 slices, metrics {metrics}"), |bench| {
             bench.iter(|| fuse(&&slices[..], &plan, &request, &std::env::temp_dir(), &NoControl));
         });

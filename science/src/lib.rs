@@ -49,7 +49,8 @@
 //! let silhouette = segmentation::segment(&back.image, &back.valid, &MaskParams::default_for(400, 300));
 //!
 //! // Measure: the metrics of the front light, within the silhouette.
-//! let fused = fuse(Light::Front, &FusionRequest { metrics: true, object: Some(&silhouette.mask), shown: None })?;
+//! let wanted = FusionRequest { metrics: true, object: Some(&silhouette.mask), ..FusionRequest::default() };
+//! let fused = fuse(Light::Front, &wanted)?;
 //! let quality = fused.quality.expect("the metrics were requested");
 //! assert_eq!(quality.slices.len(), 5);
 //! # Ok::<(), pinstack_science::types::Interrupted>(())

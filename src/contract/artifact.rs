@@ -1,7 +1,8 @@
 //! The result files of jobs.
 //!
-//! A file of a stack is a row of [`stack_artifacts`], from which all but its picture (`jobs/pictures.rs`) follows. A
-//! calibration has `overlay-{slice}`, a slice with the detected dots as PNG, and `report`, JSON.
+//! A file of a stack is a row of [`stack_artifacts`], from which all but its picture (`jobs/pictures.rs`) follows, or
+//! `lights/{name}`, a further light, which is treated as the image is. A calibration has `overlay-{slice}`, a slice
+//! with the detected dots as PNG, and `report`, JSON.
 
 use super::outcome::Artifact;
 
@@ -272,6 +273,22 @@ impl StackArtifact {
     pub fn among(self, files: &[Artifact]) -> Option<&Artifact> {
         files.iter().find(|file| file.name == self.name())
     }
+}
+
+/// Begins the name of the picture of a further light.
+const LIGHT_PREFIX: &str = "lights/";
+
+/// Formats that the picture of a further light can be converted to: those of the image.
+pub const LIGHT_FORMATS: &[FileFormat] = VIEWABLE;
+
+/// Name of the picture of a further light of a stack; also the end of its URL.
+pub fn light_name(light: &str) -> String {
+    format!("{LIGHT_PREFIX}{light}")
+}
+
+/// The further light that the name of a picture contains.
+pub fn light_of(name: &str) -> Option<&str> {
+    name.strip_prefix(LIGHT_PREFIX)
 }
 
 /// Name of the report of a calibration.

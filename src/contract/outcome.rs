@@ -14,7 +14,7 @@ use pinstack_science::types::{
 /// A result file of a job. It becomes visible with the row that names it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Artifact {
-    /// The name of a `StackArtifact`, `overlay-{slice}`, or `report`.
+    /// The name of a `StackArtifact`, `lights/{name}`, `overlay-{slice}`, or `report`.
     pub name: String,
     /// Key in the blob store; not shown to clients.
     #[serde(skip_serializing_if = "String::is_empty", default)]

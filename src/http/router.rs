@@ -51,6 +51,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(job_endpoints::stacks::cancel))
         .routes(routes!(stacks::metrics::metrics))
         .merge(stacks::artifacts::routes())
+        .routes(routes!(stacks::lights::light))
         .routes(routes!(stacks::rerun::rerun))
         .routes(routes!(stacks::upload::upload))
         // scans

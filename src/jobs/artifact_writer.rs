@@ -100,7 +100,7 @@ impl<'a> ArtifactWriter<'a> {
         fill: impl FnOnce(&mut Out<'_>) -> io::Result<()>,
     ) -> Result<WrittenArtifact, JobError> {
         self.sink.check()?;
-        let file_name = format!("{name}.{}", format.extension());
+        let file_name = format!("{}.{}", name.replace('/', "_"), format.extension());
         let path = self.context.scratch.join(&file_name);
         let written = self.write(&path, fill);
         let FileDigests { bytes, sha256, crc32 } = written.map_err(|error| self.failure(&error))?;

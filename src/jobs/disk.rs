@@ -22,9 +22,9 @@ const COPY: u64 = 2 * 1600 * 1600 * 3;
 
 /// Upper bound of the bytes that a job writes.
 ///
-/// - A stack: the scratch file of one light ([`Plan::scratch_bytes`]; that of the second light replaces it, and is not
-///   larger, because it is grey), and the uncompressed results: image with alpha, mask, fused back light, index of the
-///   sharpest slice, height map if it was asked for.
+/// - A stack: the scratch file of one light ([`Plan::scratch_bytes`]; that of the next light replaces it, and is not
+///   larger), and the uncompressed results: image with alpha, mask, fused back light, index of the sharpest slice,
+///   height map if it was asked for, and a picture like the image for each further light.
 /// - A calibration: a small copy and an overlay of each slice.
 pub fn disk_need(request: &JobRequest) -> u64 {
     match request {
@@ -44,7 +44,9 @@ fn of_request(request: &StackRequest) -> u64 {
         depth: if layout.bit_depth > 8 { Depth::Sixteen } else { Depth::Eight },
     };
     let image_sample = options.bit_depth.sample_bytes(layout.bit_depth);
-    stack(&plan, &format, image_sample, options.height != HeightMode::None)
+    let image = layout.lights.len() as u64 * StackArtifact::Image.pixel_bytes(&sizes(&format, image_sample));
+    let lights = image.saturating_mul(u64::from(layout.width) * u64::from(layout.height));
+    stack(&plan, &format, image_sample, options.height != HeightMode::None).saturating_add(lights)
 }
 
 /// The same for a stack of which only the profile is known. Assumes 8-bit colour, a height map, and the method with the
@@ -60,10 +62,14 @@ struct Format {
     depth: Depth,
 }
 
+fn sizes(format: &Format, image_sample: u64) -> PixelSizes {
+    PixelSizes { image_sample, slice_pixel: (format.channels * format.depth.bytes()) as u64 }
+}
+
 /// `image_sample`: bytes per sample of the image; `height`: with a height map.
 fn stack(plan: &Plan, format: &Format, image_sample: u64, height: bool) -> u64 {
     let scratch = plan.scratch_bytes(format.channels, format.depth);
-    let sizes = PixelSizes { image_sample, slice_pixel: (format.channels * format.depth.bytes()) as u64 };
+    let sizes = sizes(format, image_sample);
     let made = StackArtifact::ALL.iter().filter(|artifact| height || !artifact.needs_height());
     let results: u64 = made.map(|artifact| artifact.pixel_bytes(&sizes)).sum();
     let pixels = (plan.width as u64).saturating_mul(plan.height as u64);
@@ -78,7 +84,10 @@ fn calibration(slices: usize) -> u64 {
 mod tests {
     use super::*;
     use crate::contract::request::Upload;
-    use pinstack_science::types::{Homography, stack_layout::StackLayout};
+    use pinstack_science::types::{
+        Homography,
+        stack_layout::{FurtherLight, StackLayout},
+    };
 
     /// A stack of ten colour slices.
     fn stack(width: u32, height: u32, bit_depth: u8, method: Method) -> JobRequest {
@@ -91,6 +100,7 @@ mod tests {
             layout: StackLayout {
                 front: vec![String::new(); 10],
                 back: vec![],
+                lights: vec![],
                 moved: vec![],
                 width,
                 height,
@@ -115,6 +125,19 @@ mod tests {
         assert_eq!(need(8, Method::Pyramid), 10 * samples + results);
         assert_eq!(need(8, Method::HaloCorrected), 10 * (samples + 32 * 32) + results);
         assert!(need(16, Method::Guided) >= 10 * 2 * samples + results);
+    }
+
+    #[test]
+    fn each_further_light_is_a_picture_like_the_image() {
+        let need = |lights: usize, bit_depth| {
+            let JobRequest::Stack(mut request) = stack(33, 65, bit_depth, Method::HaloCorrected) else {
+                panic!("a stack")
+            };
+            let light = FurtherLight { name: "uv".into(), slices: request.layout.front.clone() };
+            request.layout.lights = vec![light; lights];
+            disk_need(&JobRequest::Stack(request))
+        };
+        assert_eq!(need(3, 8) - need(0, 8), 3 * 33 * 65 * 4);
     }
 
     #[test]

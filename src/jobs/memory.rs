@@ -7,7 +7,7 @@ use crate::contract::{
 };
 use pinstack_science::{
     calibration::{MAX_SAMPLES, SLICE_BYTES},
-    fusion::{self, Plan, height::axis::HeightAxis},
+    fusion::{self, Decision, Plan, height::axis::HeightAxis},
     imaging::Depth,
     types::{mask_options::MaskEdge, stack_layout::StackLayout},
 };
@@ -18,9 +18,10 @@ const BASE: u64 = 64 << 20;
 /// Peak memory of a job with `threads` threads, bytes. In addition to the terms below, each slice in flight takes twice
 /// the largest file: its buffer may be twice as large, because it grows while a compressed file is read.
 ///
-/// - A stack: the larger of two phases: the fusion ([`Plan::memory_bytes`]) with the silhouette, or the compositing
-///   (fused picture, its index, validity, silhouette and heights, and the RGBA picture). Neither grows with the number
-///   of slices, because warped slices are kept in files.
+/// - A stack: the largest of three phases: the fusion ([`Plan::memory_bytes`]) with the silhouette; the compositing
+///   (fused picture, its index, validity, silhouette and heights, and the RGBA picture); or, one after the other, the
+///   further lights (the fusion and the compositing of one, with what decided the fusion of the front light, silhouette
+///   and opacity). None grows with the number of slices, because warped slices are kept in files, or of lights.
 /// - A calibration: for each slice in flight (one above and one below the reference) the samples while it is decoded
 ///   and the planes of the detector, whose size is bounded; and for each slice its dots and its fingerprint
 ///   ([`SLICE_BYTES`]).
@@ -47,7 +48,10 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
         MaskEdge::Hard => 1,
         MaskEdge::Soft => 2,
     };
-    let fusing = plan.memory_bytes(threads, depth(layout), true).saturating_add(silhouettes * pixels(layout));
+    let decision = if layout.lights.is_empty() { 0 } else { Decision::BYTES_PER_PIXEL };
+    // what is kept from fusion to fusion
+    let kept = silhouettes + decision;
+    let fusing = plan.memory_bytes(threads, depth(layout), true).saturating_add(kept * pixels(layout));
     let slice_pixel = 3 * sample(layout);
     let image_sample = request.options.bit_depth.sample_bytes(layout.bit_depth);
     let sizes = PixelSizes { image_sample, slice_pixel };
@@ -58,9 +62,18 @@ fn stack(request: &StackRequest, threads: usize) -> u64 {
     let heights = if with_height { 4 + 2 } else { 0 };
     let outputs = StackArtifact::Image.pixel_bytes(&sizes) + data.unwrap_or_default();
     // the fused picture; validity and alpha; the outputs
-    let composing = slice_pixel + 2 + silhouettes + heights + outputs;
+    let composing = slice_pixel + 2 + kept + heights + outputs;
     let composing = pixels(layout).saturating_mul(composing);
-    fusing.saturating_add(files(layout, fusion::slices_in_flight(threads, slices))).max(composing)
+    let of_a_light = if layout.lights.is_empty() {
+        0
+    } else {
+        let written = pixels(layout).saturating_mul(slice_pixel + StackArtifact::Image.pixel_bytes(&sizes));
+        let fusing = plan.for_further_light().memory_bytes(threads, depth(layout), true).max(written);
+        // and opacity
+        fusing.saturating_add((kept + 1) * pixels(layout))
+    };
+    let fusing = fusing.max(of_a_light).saturating_add(files(layout, fusion::slices_in_flight(threads, slices)));
+    fusing.max(composing)
 }
 
 /// The buffers of the files of the slices in flight.
@@ -108,12 +121,15 @@ fn sample(layout: &StackLayout) -> u64 {
 mod tests {
     use super::*;
     use crate::contract::request::Upload;
-    use pinstack_science::types::{calibration_options::CalibrationOptions, fusion_options::Method};
+    use pinstack_science::types::{
+        calibration_options::CalibrationOptions, fusion_options::Method, stack_layout::FurtherLight,
+    };
 
     fn layout(slices: usize, width: u32, bit_depth: u8) -> StackLayout {
         StackLayout {
             front: vec![String::new(); slices],
             back: vec![],
+            lights: vec![],
             moved: vec![],
             width,
             height: 4000,
@@ -201,6 +217,21 @@ mod tests {
         request.layout.channels = 1;
         let grey = memory_need(&JobRequest::Calibration(request), 1);
         assert_eq!(colour - grey, 24_000_000 * 6);
+    }
+
+    #[test]
+    fn further_lights_cost_what_decides_them_and_one_is_fused_at_a_time() {
+        let need = |lights: usize, threads| {
+            let JobRequest::Stack(mut request) = stack(10, 6000, 8) else { panic!("a stack") };
+            let light = FurtherLight { name: "uv".into(), slices: request.layout.front.clone() };
+            request.layout.lights = vec![light; lights];
+            memory_need(&JobRequest::Stack(request), threads)
+        };
+        for threads in [1, 8] {
+            assert_eq!(need(1, threads), need(16, threads));
+            let decision = 24_000_000 * Decision::BYTES_PER_PIXEL;
+            assert_eq!(need(1, threads) - need(0, threads), decision + if threads == 8 { 24_000_000 } else { 0 });
+        }
     }
 
     #[test]

@@ -6,22 +6,13 @@
 use std::sync::{Mutex, PoisonError};
 
 use super::{
-    SOFTWARE,
     artifact_writer::{ArtifactWriter, Encoding, WrittenArtifact},
+    output_form::OutputForm,
 };
-use crate::contract::{
-    JobError,
-    artifact::StackArtifact,
-    options::{BitDepth, ImageFormat, StackOptions, UnderAlpha},
-    outcome::ImageInfo,
-};
+use crate::contract::{JobError, artifact::StackArtifact, outcome::ImageInfo};
 use pinstack_science::{
     fusion::Fused,
-    imaging::{
-        Depth, Plane, Raster, Rect,
-        codec::{Metadata, OutputCamera},
-        compositing, padding, thumbnail,
-    },
+    imaging::{Raster, codec::Metadata, compositing, thumbnail},
     segmentation::Silhouette,
     types::{Control, Warning, WarningCode, intrinsics::Intrinsics, profile::ProfileInput},
 };
@@ -38,12 +29,8 @@ pub(super) struct Pictures<'a> {
     pub front: &'a Fused,
     /// The object mask, when there is a back light.
     pub silhouette: Option<&'a Silhouette>,
-    /// The part of the canvas that is written.
-    pub rect: Rect,
-    /// The options of the request.
-    pub options: &'a StackOptions,
-    /// The camera.
-    pub profile: &'a ProfileInput,
+    /// How the image is written.
+    pub form: &'a OutputForm<'a>,
 }
 
 impl Pictures<'_> {
@@ -57,7 +44,6 @@ impl Pictures<'_> {
         control: &dyn Control,
         source: &Metadata,
     ) -> Result<(ImageInfo, Vec<WrittenArtifact>), JobError> {
-        let (rect, options, front) = (self.rect, self.options, self.front);
         let (steps, done) = (StackArtifact::ALL.into_iter().filter(|of| self.has(*of)).count(), Mutex::new(0));
         let step = |picture: WrittenArtifact| {
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
@@ -67,13 +53,8 @@ impl Pictures<'_> {
         };
         control.progress("writing", 0, steps);
 
-        let info = self.info();
-        let metadata = source.for_output(info.width, info.height, &self.camera());
-        let keep_hidden_colour = options.under_alpha.is_fused_colour();
-        let mut image = compositing::rgba(&front.image, &self.alpha(), rect, self.depth(), keep_hidden_colour);
-        if options.under_alpha == UnderAlpha::Pad {
-            padding::pad(&mut image);
-        }
+        let (form, info) = (self.form, self.info());
+        let (image, metadata) = (form.picture(&self.front.image), form.metadata(source));
         let others = || -> Result<Vec<WrittenArtifact>, JobError> {
             // a web page needs the colour profile, and no EXIF
             let colours = Metadata { icc: metadata.icc.clone(), exif: None };
@@ -87,7 +68,7 @@ impl Pictures<'_> {
             }
             Ok(written)
         };
-        let main = || writer.picture(StackArtifact::Image.name(), Encoding::of(options), &image, &metadata).map(step);
+        let main = || writer.picture(StackArtifact::Image.name(), form.encoding(), &image, &metadata).map(step);
         let (main, others) = rayon::join(main, others);
         let mut written = vec![main?];
         written.append(&mut others?);
@@ -104,7 +85,7 @@ impl Pictures<'_> {
     /// The picture of a file of data, a PNG without metadata; `None` for pictures, and for what this stack does not
     /// have.
     fn data(&self, artifact: StackArtifact) -> Option<Raster> {
-        let rect = self.rect;
+        let rect = self.form.rect;
         let (width, height) = (rect.width, rect.height);
         let heights = self.front.height_map.as_ref();
         match artifact {
@@ -122,41 +103,16 @@ impl Pictures<'_> {
 
     fn info(&self) -> ImageInfo {
         let number = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
-        let depth = self.depth();
-        let crop_offset_px = [number(self.rect.x), number(self.rect.y)];
+        let OutputForm { rect, profile, .. } = *self.form;
+        let depth = self.form.depth(&self.front.image);
+        let crop_offset_px = [number(rect.x), number(rect.y)];
         ImageInfo {
-            width: number(self.rect.width),
-            height: number(self.rect.height),
+            width: number(rect.width),
+            height: number(rect.height),
             bit_depth: if depth.bytes() == 2 { 16 } else { 8 },
             crop_offset_px,
-            intrinsics: Intrinsics::of(self.profile, crop_offset_px),
+            intrinsics: Intrinsics::of(profile, crop_offset_px),
         }
-    }
-
-    /// The bit depth of the image: as requested, or that of the slices. A JPEG has 8 bits.
-    fn depth(&self) -> Depth {
-        match self.options.bit_depth {
-            BitDepth::Auto if self.options.format == ImageFormat::Jpeg => Depth::Eight,
-            BitDepth::Auto => self.front.image.depth(),
-            BitDepth::Eight => Depth::Eight,
-            BitDepth::Sixteen => Depth::Sixteen,
-        }
-    }
-
-    /// All slices are mapped to the reference slice, so the image has its pixels and its principal distance.
-    fn camera(&self) -> OutputCamera<'static> {
-        OutputCamera {
-            principal_distance_mm: self.profile.principal_distance_mm,
-            pixel_pitch_mm: self.profile.pixel_pitch_mm,
-            software: SOFTWARE,
-        }
-    }
-
-    /// Opaque where a slice covers the canvas and, with a back light, where the object is. Its edge is as soft as
-    /// requested.
-    fn alpha(&self) -> Plane<u8> {
-        let valid = &self.front.valid;
-        self.silhouette.map_or_else(|| valid.clone(), |silhouette| compositing::masked(silhouette.image_alpha(), valid))
     }
 }
 

@@ -1,17 +1,19 @@
 //! Fuses one stack: archive -> back light and silhouette -> front light -> artifacts.
 //!
-//! In: the zip, a profile, the options. Out: image, preview, mask, fused back light, depth index, height map and
-//! metrics. The science does the work; this module decides what is computed, reports the progress, and collects the
-//! warnings.
+//! In: the zip, a profile, the options. Out: image, preview, mask, fused back light, depth index, height map, further
+//! lights and metrics. The science does the work; this module decides what is computed, reports the progress, and
+//! collects the warnings.
 
 use std::{sync::Arc, time::Instant};
 
 use super::{
     JobContext, JobOutput, ProgressSink, SOFTWARE,
-    artifact_writer::ArtifactWriter,
+    artifact_writer::{ArtifactWriter, WrittenArtifact},
     crop::crop_rect,
     diagnosis,
     input_bits::{self, FullScaleSlices},
+    lights::{self, Lights, Shared},
+    output_form::OutputForm,
     pictures::{self, Pictures},
     requested::{self, height_info, mask_params},
     stages::Phase,
@@ -19,19 +21,19 @@ use super::{
 use crate::contract::{
     Code, Fault, JobError,
     artifact::StackArtifact,
-    options::{HeightMode, MaskMode},
+    options::{HeightMode, MaskMode, StackOptions},
     outcome::{JobOutcome, StackOutcome},
     request::StackRequest,
 };
 use pinstack_science::{
     archive::{ArchiveLimits, StackArchive},
-    fusion::{self, Fused, FusionRequest, Plan},
+    fusion::{self, Decision, Fused, FusionRequest, Plan},
     imaging::{
-        Slices,
+        Raster, Rect, Slices,
         codec::{self, Metadata},
         grey_slices::{GreySlices, GreyValue},
     },
-    quality::VERSIONS,
+    quality::{StackQuality, VERSIONS},
     segmentation::{Silhouette, segment},
     types::{
         Control, Warning, WarningCode,
@@ -67,11 +69,14 @@ pub fn run(
     let mut warnings = Vec::new();
 
     // archive
-    let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, READ);
+    let further_lights = lights::begin(request.layout.lights.len());
+    let [read, fused] = [READ, FUSED].map(|at| at * further_lights);
+    let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, read);
     reading.progress("reading", 0, 1);
     let archive = requested::checked_archive(Arc::clone(&context.archive), options, limits, &reading)?;
-    let [front_slices, back_slices] =
-        [archive.front(), archive.back()].map(|slices| FullScaleSlices::of(slices, options.input_bits));
+    let full_scale = |slices| FullScaleSlices::of(slices, options.input_bits);
+    let (front_slices, back_slices) = (full_scale(archive.front()), full_scale(archive.back()));
+    let lights = Lights::of(&archive, options.input_bits);
     warnings.extend_from_slice(archive.warnings());
     let rect = crop_rect(options.crop, &profile.input)?;
     let plan = requested::plan(options, &profile.input);
@@ -84,34 +89,20 @@ pub fn run(
 
     // back light and silhouette
     let with_back = wants_mask(options.mask, &archive)?;
-    let middle = if with_back { f64::midpoint(READ, FUSED) } else { READ };
-    let mut back_light = None;
-    let silhouette = if with_back {
-        let back = Plan { method: plan.method.for_back_light(), ..plan.clone() };
-        let control = Phase::new(sink, back.method.progress_stages(), READ, middle);
-        // only brightness counts; green is where the geometry of the profile holds
-        let grey_value = if back.lateral_colour.is_some() { GreyValue::Green } else { GreyValue::Luma };
-        let grey = GreySlices::of(&back_slices, grey_value);
-        let back = fusion::fuse(&grey, &back, &FusionRequest::default(), &context.scratch, &control)?;
-        times.end("fusing the back light");
-        let phase = Phase::new(sink, &[("masking", 1.0)], middle, middle);
-        phase.progress("masking", 0, 1);
-        let (silhouette, artifact) = rayon::join(
-            || segment(&back.image, &back.valid, &mask_params(options, plan.width, plan.height)),
-            || writer.png(StackArtifact::Backlight.name(), &back.image.crop(rect), &Metadata::default()),
-        );
-        if options.mask == MaskMode::Required {
-            require_useful(&silhouette)?;
-        }
-        written.push(artifact?);
-        warnings.extend(back.warnings.into_iter().filter(|w| !IGNORED_FOR_BACK_LIGHT.contains(&w.code)));
-        warnings.extend_from_slice(&silhouette.warnings);
-        back_light = Some(diagnosis::reduced_back_light(&back.image));
-        phase.progress("masking", 1, 1);
-        times.end("masking");
-        Some(silhouette)
+    let middle = if with_back { f64::midpoint(read, fused) } else { read };
+    let back_light = if with_back {
+        let of = BackLight { slices: &back_slices, plan: &plan, rect, options };
+        Some(of.fuse(context, &writer, (sink, read, middle), &mut times)?)
     } else {
         None
+    };
+    let (silhouette, reduced) = match back_light {
+        Some(fused) => {
+            written.push(fused.file);
+            warnings.extend(fused.warnings);
+            (Some(fused.silhouette), Some(fused.reduced))
+        }
+        None => (None, None),
     };
 
     // front light; what the mask hides is not fused
@@ -119,29 +110,40 @@ pub fn run(
         HeightMode::None => plan,
         HeightMode::Auto => plan.with_height_map(&profile.input),
     };
-    let control = Phase::new(sink, plan.method.progress_stages(), middle, FUSED);
+    let control = Phase::new(sink, plan.method.progress_stages(), middle, fused);
     let wanted = FusionRequest {
         metrics: true,
         object: silhouette.as_ref().map(|s| &s.mask),
         shown: silhouette.as_ref().filter(|_| !options.under_alpha.is_fused_colour()).map(Silhouette::image_alpha),
+        decision: lights.slices().next().is_some(),
     };
     let front = fusion::fuse(&front_slices, &plan, &wanted, &context.scratch, &control)?;
     warnings.extend_from_slice(&front.warnings);
-    diagnosis::examine(&front.image, back_light.as_ref(), options.mask, &control, &mut warnings)?;
-    warnings.extend(input_bits::warning(&[&front_slices, &back_slices]));
+    diagnosis::examine(&front.image, reduced.as_ref(), options.mask, &control, &mut warnings)?;
     times.end("fusing");
 
     // artifacts
     let source = archive.front_bytes(plan.reference).map(|bytes| codec::metadata(&bytes)).unwrap_or_default();
     warnings.extend(pictures::dropped_focal_length(&source, &profile.input));
-    let writing = Phase::new(sink, &[("writing", 1.0)], FUSED, 1.0);
-    let pictures = Pictures { front: &front, silhouette: silhouette.as_ref(), rect, options, profile: &profile.input };
+    let writing = Phase::new(sink, &[("writing", 1.0)], fused, further_lights);
+    let form = OutputForm::of(&front.valid, silhouette.as_ref(), rect, options, &profile.input);
+    let pictures = Pictures { front: &front, silhouette: silhouette.as_ref(), form: &form };
     let (image, files) = pictures.write(&writer, &writing, &source)?;
     written.extend(files);
     times.end("writing");
 
+    // further lights
     let height = front.height_map.as_ref().map(height_info);
-    let metrics = metrics(front, silhouette, times);
+    let (decision, quality) = remaining(front);
+    let shared = Shared { plan: &plan, decision: decision.as_ref(), request: &wanted, form: &form };
+    let of_lights = lights.write(context, &shared, &writer, sink)?;
+    written.extend(of_lights.files);
+    warnings.extend(of_lights.warnings);
+    times.end_if(wanted.decision, "fusing further lights");
+    let loaded: Vec<_> = [&front_slices, &back_slices].into_iter().chain(lights.slices()).collect();
+    warnings.extend(input_bits::warning(&loaded));
+
+    let metrics = Metrics { lights: of_lights.metrics, ..metrics(quality, silhouette, times) };
     // notes stay in the metrics; only findings of the severity `warning` are warnings of the job
     let serious = metrics.findings.iter().filter(|finding| finding.severity == Severity::Warning);
     warnings.extend(serious.map(|finding| Warning::new(finding.code.clone(), finding.detail.clone())));
@@ -149,6 +151,60 @@ pub fn run(
     let software = Some(SOFTWARE.to_owned());
     let outcome = JobOutcome::Stack(StackOutcome { artifacts, image, height, metrics, software });
     Ok(JobOutput { outcome, warnings: without_repetitions(warnings), profile: None, files })
+}
+
+/// The back light before it is fused.
+struct BackLight<'a> {
+    slices: &'a FullScaleSlices<'a>,
+    plan: &'a Plan,
+    /// The part of the canvas that is written.
+    rect: Rect,
+    options: &'a StackOptions,
+}
+
+/// The fused back light.
+struct FusedBackLight {
+    silhouette: Silhouette,
+    /// For the diagnosis.
+    reduced: Raster,
+    file: WrittenArtifact,
+    warnings: Vec<Warning>,
+}
+
+impl BackLight<'_> {
+    /// Fuses, segments and writes it, from one fraction of the job to another.
+    fn fuse(
+        &self,
+        context: &JobContext,
+        writer: &ArtifactWriter<'_>,
+        (sink, from, to): (&dyn ProgressSink, f64, f64),
+        times: &mut Times,
+    ) -> Result<FusedBackLight, JobError> {
+        let &Self { slices, plan, rect, options } = self;
+        let plan = Plan { method: plan.method.for_back_light(), ..plan.clone() };
+        let control = Phase::new(sink, plan.method.progress_stages(), from, to);
+        // only brightness counts; green is where the geometry of the profile holds
+        let grey_value = if plan.lateral_colour.is_some() { GreyValue::Green } else { GreyValue::Luma };
+        let grey = GreySlices::of(slices, grey_value);
+        let back = fusion::fuse(&grey, &plan, &FusionRequest::default(), &context.scratch, &control)?;
+        times.end("fusing the back light");
+        let phase = Phase::new(sink, &[("masking", 1.0)], to, to);
+        phase.progress("masking", 0, 1);
+        let (silhouette, file) = rayon::join(
+            || segment(&back.image, &back.valid, &mask_params(options, plan.width, plan.height)),
+            || writer.png(StackArtifact::Backlight.name(), &back.image.crop(rect), &Metadata::default()),
+        );
+        if options.mask == MaskMode::Required {
+            require_useful(&silhouette)?;
+        }
+        let reduced = diagnosis::reduced_back_light(&back.image);
+        let mut warnings = back.warnings;
+        warnings.retain(|warning| !IGNORED_FOR_BACK_LIGHT.contains(&warning.code));
+        warnings.extend_from_slice(&silhouette.warnings);
+        phase.progress("masking", 1, 1);
+        times.end("masking");
+        Ok(FusedBackLight { silhouette, reduced, file: file?, warnings })
+    }
 }
 
 /// The warning that parameters of guided filtering were set for another method, where they have no effect.
@@ -188,13 +244,18 @@ fn require_useful(silhouette: &Silhouette) -> Result<(), Fault> {
     }
 }
 
-fn metrics(front: Fused, silhouette: Option<Silhouette>, times: Times) -> Metrics {
-    let quality = front.quality.unwrap_or_default();
+/// What is needed of the front light once it is written; the rest is freed.
+fn remaining(front: Fused) -> (Option<Decision>, StackQuality) {
+    (front.decision, front.quality.unwrap_or_default())
+}
+
+fn metrics(quality: StackQuality, silhouette: Option<Silhouette>, times: Times) -> Metrics {
     Metrics {
         fusion: quality.fusion,
         focus: quality.focus,
         slices: quality.slices,
         alignment: quality.alignment,
+        lights: Vec::new(),
         mask: silhouette.map(|silhouette| silhouette.metrics),
         findings: quality.findings,
         versions: VERSIONS.map(str::to_owned).to_vec(),
@@ -229,6 +290,13 @@ impl Times {
         let now = Instant::now();
         self.stages.push(StageTime { stage: stage.to_owned(), ms: ms(now - self.last) });
         self.last = now;
+    }
+
+    /// As [`Self::end`], for a stage that not every stack has.
+    fn end_if(&mut self, has_stage: bool, stage: &str) {
+        if has_stage {
+            self.end(stage);
+        }
     }
 
     fn done(self) -> Timing {

@@ -15,6 +15,7 @@ mod exposition;
 mod forms;
 mod guide;
 mod lifecycle;
+mod lights;
 mod logs;
 mod names;
 mod not_utf8;

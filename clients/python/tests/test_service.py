@@ -85,6 +85,25 @@ def test_a_folder_is_fused_and_the_results_are_arrays(
     client.delete(again)
 
 
+def test_further_lights_are_sent_by_name_and_lie_on_the_image(
+    client: Client, calibrated: Tuple[str, str], zips: Path, tmp_path: Path
+) -> None:
+    front = sorted((zips / "stack" / "front").iterdir())
+    stack = client.fuse({"front": front, "uv": front, "left_45": front}, *calibrated)
+    assert [light["name"] for light in stack["slices"].get("lights", [])] == ["left_45", "uv"]
+    assert sorted(stack["links"].get("lights", {})) == ["left_45", "uv"]
+    image, light = client.image(stack), client.light(stack, "uv")
+    assert light.shape == image.shape and (light[..., 3] == image[..., 3]).all()
+    assert abs(light.astype(int) - image).mean() < 3
+    saved = client.save_artifact(stack, "lights/uv", tmp_path / "uv.tif")
+    assert (tifffile.imread(saved) == light).all()
+    with pytest.raises(PinstackError) as caught:
+        client.light(stack, "ir")
+    assert caught.value.code == "no_result" and "left_45, uv" in caught.value.detail
+    with pytest.raises(PinstackError, match="has 1 slice and the front light 5"):
+        client.fuse({"front": front, "uv": front[:1]}, *calibrated)
+
+
 def test_a_list_of_slices_and_an_idempotency_key(client: Client, calibrated: Tuple[str, str], zips: Path) -> None:
     lights = {light: sorted((zips / "stack" / light).iterdir()) for light in ("front", "back")}
     first = client.send_stack(lights, *calibrated, idempotency_key="view-1", label="by list", tilt_deg=-2.5)

@@ -209,7 +209,8 @@ def test_what_cannot_be_sent_is_refused_with_the_reason(folder: Path, tmp_path: 
         ([], "is empty"),
         (folder / "front/1.jpg", "is one picture"),
         ([folder / "front/1.jpg", folder / "back/1.jpg"], "the same name"),
-        ({"left": []}, "not 'left'"),
+        ({"left wing": []}, "not 'left wing'"),
+        ({"front": [folder / "front/1.jpg"], "left": []}, "light 'left' is empty"),
     ]:
         with pytest.raises(PinstackError, match=reason) as caught:
             source(wrong)
@@ -224,3 +225,13 @@ def test_names_in_the_zip_have_slashes_on_windows_too() -> None:
     assert member_name(path.relative_to(folder)) == "pan020/front/IMG_0001.JPG"
     share = PureWindowsPath(r"\\rig-pc\scans\view\back\1.tif")
     assert member_name(share.relative_to(r"\\rig-pc\scans\view")) == "back/1.tif"
+
+
+def test_a_further_light_is_a_folder_of_its_name_and_a_wrong_name_is_refused(tmp_path: Path) -> None:
+    folder = write(tmp_path)
+    zipped = source({"front": [folder / "front/1.jpg"], "led_2": [folder / "front/2.jpg"]})
+    assert isinstance(zipped, StoredZip)
+    assert [member.name for member in zipped.members] == ["front/1.jpg", "led_2/2.jpg"]
+    for name in ("u v", "../x", "", "a" * 33):
+        with pytest.raises(PinstackError, match="letters, digits"):
+            source({"front": [folder / "front/1.jpg"], name: [folder / "front/2.jpg"]})

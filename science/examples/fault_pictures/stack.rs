@@ -84,6 +84,6 @@ pub fn true_plan(rig: &Rig) -> Plan {
 
 /// Fuses slices; with `object`, measures the metrics on it.
 pub fn fused(slices: &[Raster], plan: &Plan, object: Option<&Plane<u8>>) -> Fused {
-    let request = FusionRequest { metrics: object.is_some(), object, shown: None };
+    let request = FusionRequest { metrics: object.is_some(), object, shown: None, decision: false };
     fuse(&slices, plan, &request, &std::env::temp_dir(), &NoControl).expect("fused")
 }

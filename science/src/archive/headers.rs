@@ -90,6 +90,36 @@ pub(super) fn check(
     Ok(Common { width, height, bit_depth, channels, orientation, taken })
 }
 
+/// Checks slices beside those of front and back light against what these have in `common`, whose bit depth and channels
+/// become the maximum of all. `what` names them in sentences. `none`: no slices.
+///
+/// # Errors
+/// As [`check`], and [`ErrorKind::SizeMismatch`] for another size or orientation.
+pub(super) fn check_beside(
+    slices: &ArchivedSlices,
+    what: &str,
+    none: &ArchivedSlices,
+    common: &mut Common,
+    most: u64,
+) -> Result<Common, Error> {
+    let own = check(slices, none, most, &mut Vec::new())?;
+    let says = |of: &Common| match of.orientation {
+        1 => format!("{} x {} px", of.width, of.height),
+        tag => format!("{} x {} px with the orientation tag {tag}", of.width, of.height),
+    };
+    let (here, there) = (says(&own), says(common));
+    if here != there {
+        let name = slices.name(0);
+        let detail = format!(
+            "the {what} have {here} ({name}), and the others {there}: take both with the same settings of the camera"
+        );
+        return Err(Error::new(ErrorKind::SizeMismatch, detail).in_file(name, None));
+    }
+    common.bit_depth = common.bit_depth.max(own.bit_depth);
+    common.channels = common.channels.max(own.channels);
+    Ok(own)
+}
+
 /// A warning for slices in a colour space that no output can state.
 fn unknown_colours(found: &[Found<'_>]) -> Option<Warning> {
     let odd: Vec<&str> = found.iter().filter(|f| f.header.colour == ColourSpace::Unknown).map(|f| f.name).collect();

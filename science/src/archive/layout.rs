@@ -1,12 +1,13 @@
 //! Finds the slices among the members of a zip and assigns each to a light.
 //!
-//! In: the directory. Out: the slices of both lights in order. The steps: check names, separate pictures from other
+//! In: the directory. Out: the slices of all lights in order. The steps: check names, separate pictures from other
 //! files, strip enclosing folders, apply the manifest if there is one, otherwise sort by folder and name.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use super::{
     container::Container,
+    further_lights,
     light::Light,
     limits::ArchiveLimits,
     manifest, member_names,
@@ -42,11 +43,11 @@ pub(super) fn sort(
     let sorted = match manifest {
         Some((_, manifest)) => SortedSlices { moved, ..manifest.apply(pictures)? },
         None => {
-            let (mut front, mut back) = by_folder(pictures)?;
+            let (mut front, mut back, lights) = by_folder(pictures)?;
             // the times of capture may correct this order, and the warnings come with them
             slice_order::sort(&mut front, |member| &member.name, &mut Vec::new());
             slice_order::sort(&mut back, |member| &member.name, &mut Vec::new());
-            SortedSlices { front, back, moved, is_listed: false }
+            SortedSlices { front, back, lights, moved, is_listed: false }
         }
     };
     refuse_extremes(&sorted)?;
@@ -220,23 +221,22 @@ pub(super) fn warn_of_others<'a>(others: impl Iterator<Item = &'a Member>, warni
     }
 }
 
-/// Groups by folder: `front` (or the root) and `back`.
-fn by_folder(pictures: Vec<Picture>) -> Result<(Vec<Member>, Vec<Member>), Error> {
-    let (mut root, mut front, mut back) = (Vec::new(), Vec::new(), Vec::new());
-    let mut unknown: BTreeMap<String, String> = BTreeMap::new();
+/// The slices of the front light, of the back light, and of further lights.
+type OfLights = (Vec<Member>, Vec<Member>, Vec<(String, Vec<Member>)>);
+
+/// Groups by folder: `front` (or the root) and `back`; beside `front` also further lights.
+fn by_folder(pictures: Vec<Picture>) -> Result<OfLights, Error> {
+    let (mut root, mut front, mut back, mut further) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for picture in pictures {
         match (picture.in_light_folder(), picture.inner.split_once('/')) {
             (Some((Light::Front, _)), _) => front.push(picture),
             (Some((Light::Back, _)), _) => back.push(picture),
             (None, None) => root.push(picture),
-            (None, Some((folder, _))) => {
-                let whole = picture.member.name[..picture.member.name.len() - picture.inner.len()].to_owned() + folder;
-                unknown.entry(whole).or_insert(picture.member.name);
-            }
+            (None, Some(_)) => further.push(picture),
         }
     }
-    if let Some(example) = unknown.values().next() {
-        return Err(invalid(example, unknown_folders(&unknown)));
+    if front.is_empty() {
+        refuse_unknown(&further)?;
     }
     if let (Some(loose), false) = (root.first(), front.is_empty()) {
         let detail = format!(
@@ -247,11 +247,26 @@ fn by_folder(pictures: Vec<Picture>) -> Result<(Vec<Member>, Vec<Member>), Error
         return Err(invalid(&loose.member.name, detail));
     }
     root.append(&mut front);
-    Ok((in_one_folder(root, Light::Front)?, in_one_folder(back, Light::Back)?))
+    let lights = further_lights::by_folder(further)?;
+    Ok((in_one_folder(root, Light::Front)?, in_one_folder(back, Light::Back)?, lights))
+}
+
+/// Refuses pictures in folders that stand for no light.
+fn refuse_unknown(pictures: &[Picture]) -> Result<(), Error> {
+    let mut unknown: BTreeMap<String, &str> = BTreeMap::new();
+    for Picture { member, inner } in pictures {
+        let folder = inner.split('/').next().unwrap_or_default();
+        let whole = member.name[..member.name.len() - inner.len()].to_owned() + folder;
+        unknown.entry(whole).or_insert(&member.name);
+    }
+    match unknown.values().next() {
+        Some(example) => Err(invalid(example, unknown_folders(&unknown))),
+        None => Ok(()),
+    }
 }
 
 /// The sentence for folders that stand for no light. Maps each folder to one of its pictures.
-fn unknown_folders(unknown: &BTreeMap<String, String>) -> String {
+fn unknown_folders(unknown: &BTreeMap<String, &str>) -> String {
     let folders = listed(unknown.keys().map(String::as_str));
     let looks_like_a_view = |folder: &String| member_names::base(folder).bytes().any(|byte| byte.is_ascii_digit());
     if unknown.len() > 1 && unknown.keys().all(looks_like_a_view) {
@@ -265,7 +280,7 @@ fn unknown_folders(unknown: &BTreeMap<String, String>) -> String {
     format!(
         "there are pictures in {places} neither front nor back ({folders}); put the front-light slices into front/ and \
          the back-light slices into back/ (German, French, Spanish, Italian and Dutch words are understood too), one \
-         stack per zip"
+         stack per zip; beside a folder front/, other folders are further lights of the same view"
     )
 }
 

@@ -1,11 +1,12 @@
 //! `manifest.json`: the order of the slices, given explicitly.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use serde::Deserialize;
 
 use super::{
     container::Container,
+    further_lights,
     light::Light,
     limits::ArchiveLimits,
     member_names::{self, InvalidName},
@@ -27,6 +28,8 @@ pub(super) struct Manifest {
     front: Vec<String>,
     #[serde(default)]
     back: Vec<String>,
+    #[serde(default)]
+    lights: BTreeMap<String, Vec<String>>,
 }
 
 /// The manifest, if there is one among the files that are not pictures. A `manifest.json` with neither `front` nor
@@ -75,20 +78,35 @@ impl Manifest {
     /// omitted or repeated slice would shift all others against the profile.
     pub(super) fn apply(self, pictures: Vec<Picture>) -> Result<SortedSlices, Error> {
         let mut pictures = Pictures::new(pictures);
-        let front = pictures.take(&self.front, Light::Front)?;
-        let back = pictures.take(&self.back, Light::Back)?;
+        let front = pictures.take(&self.front, Folder::Of(Light::Front))?;
+        let back = pictures.take(&self.back, Folder::Of(Light::Back))?;
+        let mut lights = Vec::new();
+        for (light, named) in &self.lights {
+            further_lights::require_name(light).map_err(|detail| invalid(FILE, detail))?;
+            lights.push((light.clone(), pictures.take(named, Folder::Named(light))?));
+        }
+        further_lights::refuse_many(&lights)?;
         let unnamed: Vec<&str> = pictures.left.iter().flatten().map(|picture| picture.member.name.as_str()).collect();
         if let Some(first) = unnamed.first().copied() {
             let detail = format!("{FILE} omits {}; list every picture of the zip", listed(unnamed));
             return Err(invalid(first, detail));
         }
-        Ok(SortedSlices { front, back, moved: Vec::new(), is_listed: true })
+        Ok(SortedSlices { front, back, lights, moved: Vec::new(), is_listed: true })
     }
 }
 
 /// The error for a name in the manifest that no member of a zip can have.
 fn invalid_name(InvalidName { shown, reason }: InvalidName) -> Error {
     invalid(FILE, format!("{FILE} lists {shown:?}: the name {}; correct the list", reason.clause()))
+}
+
+/// The folder that the names of one light are relative to.
+#[derive(Clone, Copy)]
+enum Folder<'a> {
+    /// That of front or back light, by any of its words.
+    Of(Light),
+    /// That of a further light.
+    Named(&'a str),
 }
 
 /// Pictures that are not yet named, with an index by lower-case name.
@@ -115,7 +133,7 @@ impl Pictures {
     }
 
     /// Removes the slices of one light, in the order in which `named` lists them.
-    fn take(&mut self, named: &[String], light: Light) -> Result<Vec<Member>, Error> {
+    fn take(&mut self, named: &[String], folder: Folder<'_>) -> Result<Vec<Member>, Error> {
         let mut out = Vec::new();
         for name in named {
             let Some(label) = member_names::label(name).map_err(invalid_name)? else {
@@ -125,10 +143,17 @@ impl Pictures {
                 ));
             };
             let small = folded(&label);
-            let called = self.by_name.get(&small).into_iter().chain(self.by_light.get(&(light, small.clone())));
+            let in_folder = match folder {
+                Folder::Of(light) => self.by_light.get(&(light, small.clone())),
+                Folder::Named(name) => self.by_name.get(&folded(&format!("{name}/{label}"))),
+            };
+            let called = self.by_name.get(&small).into_iter().chain(in_folder);
             let free = called.flatten().copied().filter(|&at| self.left.get(at).is_some_and(Option::is_some)).min();
             let Some(picture) = free.and_then(|at| self.left.get_mut(at)?.take()) else {
-                let word = light.word();
+                let word = match folder {
+                    Folder::Of(light) => light.word(),
+                    Folder::Named(name) => name,
+                };
                 let detail = format!(
                     "{FILE} lists the {word} slice {label}, which is not in the zip or was listed before; correct \
                      the list, or omit it"

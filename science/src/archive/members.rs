@@ -38,12 +38,14 @@ impl Picture {
     }
 }
 
-/// The slices of both lights and of the moved target, in order.
+/// The slices of all lights and of the moved target, in order.
 pub(super) struct SortedSlices {
     /// Front-light slices.
     pub front: Vec<Member>,
     /// Back-light slices.
     pub back: Vec<Member>,
+    /// Slices of further lights, by name.
+    pub lights: Vec<(String, Vec<Member>)>,
     /// Slices of the moved target.
     pub moved: Vec<Member>,
     /// `manifest.json` gives the order.

@@ -7,7 +7,7 @@
 //! # Accepted archives
 //! | aspect | accepted |
 //! |---|---|
-//! | folders | front light in `front` or in the root, back light in `back` (other spellings: [`Light`]); enclosing folders; in a calibration the moved target in `moved` |
+//! | folders | front light in `front` or in the root, back light in `back` (other spellings: [`Light`]); enclosing folders; further lights in other folders beside `front` ([`further_lights`]); in a calibration the moved target in `moved` |
 //! | order | that of the names, the times of capture and the pictures ([`slice_order`]), or that of `manifest.json` |
 //! | compression | stored, deflate, deflate64 |
 //! | format | zip, zip64, zips over 4 GB of the macOS Finder, data descriptors, backslashes in names, names in UTF-8 or code page 437 |
@@ -18,12 +18,13 @@
 //! one normal form of Unicode ([`folded`](crate::types::text::folded)). Folders that systems and file servers put
 //! beside pictures are skipped ([`member_names`]).
 //!
-//! A manifest is `{"front": ["a.jpg", "b.jpg"], "back": ["c.jpg", "d.jpg"]}`. Names are relative to the root or to the
-//! folder of that light, and every picture of the zip is named once.
+//! A manifest is `{"front": ["a.jpg", "b.jpg"], "back": ["c.jpg", "d.jpg"], "lights": {"uv": ["e.jpg", "f.jpg"]}}`.
+//! Names are relative to the root or to the folder of that light, and every picture of the zip is named once.
 
 mod container;
 mod copies;
 mod counter;
+mod further_lights;
 mod headers;
 mod layout;
 mod light;
@@ -39,6 +40,7 @@ mod notation;
 pub mod npy;
 pub mod npz;
 mod numbering_gaps;
+mod other_folders;
 mod png_trailer;
 pub mod scan;
 mod seek_window;
@@ -50,7 +52,10 @@ use std::{path::Path, sync::Arc};
 
 #[cfg(doc)]
 use crate::types::ErrorKind;
-use crate::types::{Error, ReadAt, Warning, stack_layout::StackLayout};
+use crate::types::{
+    Error, ReadAt, Warning,
+    stack_layout::{FurtherLight, StackLayout},
+};
 
 pub use container::pack;
 pub use copies::{copied, copies};
@@ -72,6 +77,7 @@ pub struct StackArchive {
     overruled: Option<Vec<usize>>,
     front: ArchivedSlices,
     back: ArchivedSlices,
+    lights: Vec<(String, ArchivedSlices)>,
     moved: ArchivedSlices,
 }
 
@@ -82,7 +88,8 @@ impl StackArchive {
         let (front, back) = (self.front.reversed(), self.back.reversed());
         let last = self.layout.front.len().saturating_sub(1);
         let overruled = self.overruled.map(|places| places.into_iter().map(|place| last - place).collect());
-        Self { layout: self.layout.reversed(), overruled, front, back, ..self }
+        let lights = self.lights.into_iter().map(|(name, slices)| (name, slices.reversed())).collect();
+        Self { layout: self.layout.reversed(), overruled, front, back, lights, ..self }
     }
 
     /// The front-light slices in another order, where the names and the times of capture disagree: that of the times,
@@ -112,6 +119,11 @@ impl StackArchive {
         &self.back
     }
 
+    /// The further lights by name, each with as many slices as there are front-light slices.
+    pub fn lights(&self) -> &[(String, ArchivedSlices)] {
+        &self.lights
+    }
+
     /// The slices of the moved target, any number.
     pub fn moved(&self) -> &ArchivedSlices {
         &self.moved
@@ -131,7 +143,7 @@ impl StackArchive {
 /// # Errors
 /// | kind | cause |
 /// |---|---|
-/// | [`ErrorKind::InvalidArchive`] | not a zip, truncated, wrong CRC; names with `..`, absolute or duplicate names; pictures in folders that are neither front nor back; a manifest that does not match |
+/// | [`ErrorKind::InvalidArchive`] | not a zip, truncated, wrong CRC; names with `..`, absolute or duplicate names; folders that stand for no light; a manifest that does not match |
 /// | [`ErrorKind::UnsupportedArchive`] | encrypted members, other compression methods, split archives |
 /// | [`ErrorKind::ArchiveTooLarge`] | a limit is exceeded |
 /// | [`ErrorKind::InvalidImage`] | a slice is not a picture, has an implausible size, or is rotated unlike the others |
@@ -222,19 +234,27 @@ fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<St
     let front = ArchivedSlices::new(container.clone(), sorted.front, *limits);
     let back = ArchivedSlices::new(container.clone(), sorted.back, *limits);
     let none = ArchivedSlices::new(container.clone(), Vec::new(), *limits);
-    let moved = ArchivedSlices::new(container, sorted.moved, *limits);
+    let moved = ArchivedSlices::new(container.clone(), sorted.moved, *limits);
     let mut common = headers::check(&front, &back, most, &mut warnings)?;
     let moved = moved_target::checked(moved, &none, &mut common, most, &mut warnings)?;
+    let mut lights = Vec::new();
+    for (name, members) in sorted.lights {
+        let light = (name, ArchivedSlices::new(container.clone(), members, *limits));
+        lights.push(further_lights::checked(light, &none, &mut common, (most, is_listed), &mut warnings)?);
+    }
     let settled = [(&front, &common.taken[0]), (&back, &common.taken[1])]
         .map(|(slices, taken)| slice_order::settle(&slices.names(), taken, is_listed));
     let (front, back) = (front.reordered(&settled[0].order), back.reordered(&settled[1].order));
     let overruled = settled[0].overruled.clone();
     warnings.extend(settled.into_iter().flat_map(|settled| settled.warnings));
-    let largest =
-        slice_counts::refuse_large([&front, &back, &moved], u64::from(common.width) * u64::from(common.height))?;
+    let all = [&front, &back, &moved].into_iter().chain(lights.iter().map(|(_, slices)| slices));
+    let largest = slice_counts::refuse_large(all, u64::from(common.width) * u64::from(common.height))?;
+    let of_light =
+        |(name, slices): &(String, ArchivedSlices)| FurtherLight { name: name.clone(), slices: slices.names() };
     let layout = StackLayout {
         front: front.names(),
         back: back.names(),
+        lights: lights.iter().map(of_light).collect(),
         moved: moved.names(),
         width: common.width,
         height: common.height,
@@ -250,6 +270,7 @@ fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<St
         overruled,
         front: front.sized(common.width, common.height),
         back: back.sized(common.width, common.height),
+        lights,
         moved,
     })
 }

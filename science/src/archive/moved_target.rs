@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     imaging::Slices,
-    types::{Error, ErrorKind, Warning, text::folded},
+    types::{Error, Warning, text::folded},
 };
 
 /// Names of the folder: English, German, French, Spanish, Italian, Dutch.
@@ -50,22 +50,7 @@ pub(super) fn checked(
     if moved.count() == 0 {
         return Ok(moved);
     }
-    let own = headers::check(&moved, none, most, &mut Vec::new())?;
-    let says = |of: &Common| match of.orientation {
-        1 => format!("{} x {} px", of.width, of.height),
-        tag => format!("{} x {} px with the orientation tag {tag}", of.width, of.height),
-    };
-    let (here, there) = (says(&own), says(common));
-    if here != there {
-        let name = moved.name(0);
-        let detail = format!(
-            "the pictures of the moved target have {here} ({name}), and the others {there}: take both with the same \
-             settings of the camera"
-        );
-        return Err(Error::new(ErrorKind::SizeMismatch, detail).in_file(name, None));
-    }
-    common.bit_depth = common.bit_depth.max(own.bit_depth);
-    common.channels = common.channels.max(own.channels);
+    let own = headers::check_beside(&moved, "pictures of the moved target", none, common, most)?;
     let settled = slice_order::settle(&moved.names(), &own.taken[0], false);
     warnings.extend(settled.warnings);
     Ok(moved.reordered(&settled.order).sized(own.width, own.height))

@@ -1,12 +1,15 @@
 //! Checks the number of slices and the size of their files.
 
 use super::{
-    Light, copies,
+    Light, copies, further_lights,
     messages::{listed, slices_of},
     numbering_gaps,
     slices::ArchivedSlices,
 };
-use crate::types::{Error, ErrorKind, stack_layout::StackLayout};
+use crate::types::{
+    Error, ErrorKind,
+    stack_layout::{FurtherLight, StackLayout},
+};
 
 /// Bytes that a file may have besides its pixels: metadata, previews, padding.
 const BESIDE_PIXELS: u64 = 64 << 20;
@@ -15,9 +18,9 @@ const BYTES_PER_PIXEL: u64 = 16;
 
 /// Refuses files that are larger than any picture of `pixels` pixels needs, because a job holds files in memory.
 /// Returns the size of the largest file, bytes.
-pub(super) fn refuse_large(all: [&ArchivedSlices; 3], pixels: u64) -> Result<u64, Error> {
+pub(super) fn refuse_large<'a>(all: impl Iterator<Item = &'a ArchivedSlices>, pixels: u64) -> Result<u64, Error> {
     let most = BESIDE_PIXELS.saturating_add(pixels.saturating_mul(BYTES_PER_PIXEL));
-    let largest = all.into_iter().filter_map(ArchivedSlices::largest).max_by_key(|(_, size)| *size);
+    let largest = all.filter_map(ArchivedSlices::largest).max_by_key(|(_, size)| *size);
     let Some((name, size)) = largest else { return Ok(0) };
     if size > most {
         let detail = format!(
@@ -44,28 +47,32 @@ pub(super) fn refuse(layout: &StackLayout) -> Result<(), Error> {
             "the zip has {} and {}; both must be taken at the same rail positions{}",
             slices_of(front, Light::Front),
             slices_of(back, Light::Back),
-            missing_slices(layout)
+            missing_slices((&layout.front, "front-light"), (&layout.back, "back-light"))
         );
         let copies = [&layout.front, &layout.back].into_iter().flat_map(|names| copies::copies(names));
         let error = Error::new(ErrorKind::SliceCountMismatch, detail);
         return Err(copies.fold(error, |error, copy| error.in_file(copy, None)));
     }
+    for FurtherLight { name, slices } in &layout.lights {
+        let why = missing_slices((&layout.front, "front-light"), (slices, name));
+        further_lights::refuse_count((name, slices), &layout.front, &why)?;
+    }
     Ok(())
 }
 
-/// Which slices are copies, which have no counterpart in the other light, or where the numbering has a gap, judged by
-/// the names.
-fn missing_slices(layout: &StackLayout) -> String {
-    let copied = [&layout.front, &layout.back].into_iter().find_map(|names| copies::copied(names));
+/// Which slices of two lights, each with its word, are copies, which have no counterpart in the other light, or where
+/// the numbering has a gap, judged by the names.
+fn missing_slices(one: (&[String], &str), other: (&[String], &str)) -> String {
+    let copied = [one.0, other.0].into_iter().find_map(copies::copied);
     if let Some(copied) = copied {
         return format!(": {copied}");
     }
-    let lights = [(&layout.front, &layout.back, "back"), (&layout.back, &layout.front, "front")];
+    let lights = [(one.0, other.0, other.1), (other.0, one.0, one.1)];
     for (these, others, lacking) in lights {
         let alone = numbering_gaps::unmatched(these, others);
         if !alone.is_empty() {
             let names = listed(alone);
-            return format!(": there is no {lacking}-light slice for {names}");
+            return format!(": there is no {lacking} slice for {names}");
         }
     }
     let skipped = lights.iter().find_map(|(these, ..)| numbering_gaps::skipped(these));

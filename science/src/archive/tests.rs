@@ -3,6 +3,7 @@
 mod container;
 mod damage;
 mod disk;
+mod further_lights;
 mod headers;
 mod layout;
 mod moved_target;

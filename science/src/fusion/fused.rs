@@ -1,5 +1,6 @@
 //! What [`fuse`](super::fuse) returns.
 
+pub use super::halo_corrected::Decision;
 use super::height::HeightMap;
 use crate::{
     imaging::{Plane, Raster},
@@ -25,6 +26,8 @@ pub struct Fused {
     pub valid: Plane<u8>,
     /// The metrics, if they were requested.
     pub quality: Option<StackQuality>,
+    /// What further lights are fused by, if it was requested.
+    pub decision: Option<Decision>,
     /// What the user should know about the result.
     pub warnings: Vec<Warning>,
 }

@@ -2,7 +2,8 @@
 
 use super::{
     align::{Aligned, focus_measure::FocusMeasure},
-    guided, halo_corrected,
+    guided,
+    halo_corrected::{self, Decision},
     plan::Plan,
     pyramid,
     run::Run,
@@ -36,8 +37,11 @@ struct Row<S> {
     /// many bytes.
     extra_bytes_per_pixel: fn(u64) -> u64,
     /// Where a method refines the index, this replaces that of the first pass.
-    second_pass: fn(&Run<'_>, &mut Aligned) -> Result<Blended<S>, Interrupted>,
+    second_pass: SecondPass<S>,
 }
+
+/// A second pass: gives the image, and what further lights are fused by.
+type SecondPass<S> = fn(&Run<'_>, &mut Aligned) -> Result<(Blended<S>, Decision), Interrupted>;
 
 fn row<S: Sample, const C: usize>(method: Method) -> Row<S> {
     match method {
@@ -51,7 +55,7 @@ fn row<S: Sample, const C: usize>(method: Method) -> Row<S> {
             has_coarse_focus: false,
             refines_the_index: false,
             extra_bytes_per_pixel: |_| 0,
-            second_pass: |run, aligned| guided::blend::<S, C>(run, aligned),
+            second_pass: |run, aligned| Ok((guided::blend::<S, C>(run, aligned)?, by_sharpest(aligned))),
         },
         Method::Pyramid => Row {
             name: "pyramid",
@@ -63,7 +67,9 @@ fn row<S: Sample, const C: usize>(method: Method) -> Row<S> {
             has_coarse_focus: false,
             refines_the_index: false,
             extra_bytes_per_pixel: |_| 0,
-            second_pass: |run, aligned| pyramid::blend::<S, C>(run, aligned, None, shown::MARGIN),
+            second_pass: |run, aligned| {
+                Ok((pyramid::blend::<S, C>(run, aligned, None, shown::MARGIN)?, by_sharpest(aligned)))
+            },
         },
         Method::HaloCorrected => Row {
             name: "halo_corrected",
@@ -134,16 +140,22 @@ impl Method {
     }
 }
 
+/// What the further lights of a method without a decision map are fused by.
+fn by_sharpest(aligned: &Aligned) -> Decision {
+    Decision::by_sharpest(&aligned.index, aligned.coverages.len())
+}
+
 /// The focus measure by which the first pass compares slices.
 pub(super) fn focus_measure(plan: &Plan) -> FocusMeasure {
     (plan.method.row().focus_measure)(plan)
 }
 
-/// Runs the second pass. Where a method refines the index, `aligned.index` is replaced.
+/// Runs the second pass; returns the image, and what further lights are fused by. Where a method refines the index,
+/// `aligned.index` is replaced.
 pub(super) fn second_pass<S: Sample, const C: usize>(
     run: &Run<'_>,
     aligned: &mut Aligned,
-) -> Result<Blended<S>, Interrupted> {
+) -> Result<(Blended<S>, Decision), Interrupted> {
     (row::<S, C>(run.plan.method).second_pass)(run, aligned)
 }
 

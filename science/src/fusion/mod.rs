@@ -21,7 +21,8 @@
 //! - [`Method::Pyramid`]: Laplacian pyramid fusion (Burt & Adelson, IEEE Trans. Commun. 1983). At each level a slice
 //!   counts by the local energy of its detail.
 //!
-//! If the plan asks for it, a third step measures a height map around the index ([`height`]).
+//! If the plan asks for it, a third step measures a height map around the index ([`height`]). Further lights of the
+//! same view are fused by the [`Decision`] of the first ([`fuse_further_light`]).
 //!
 //! Properties of all methods:
 //!
@@ -34,6 +35,7 @@
 
 mod align;
 pub mod crop;
+mod further_light;
 mod fused;
 mod guided;
 mod halo_corrected;
@@ -58,7 +60,8 @@ use std::{path::Path, sync::Arc};
 
 use rayon::prelude::*;
 
-pub use fused::Fused;
+pub use further_light::{FusedLight, fuse_further_light};
+pub use fused::{Decision, Fused};
 pub use in_flight::slices_in_flight;
 pub use plan::{FusionRequest, Plan, SlicePlan, UNCOVERED};
 pub use warped_slice::warped_slice;
@@ -112,7 +115,8 @@ pub fn fuse(
     scratch_dir: &Path,
     control: &dyn Control,
 ) -> Result<Fused, Interrupted> {
-    check(slices, plan, request)?;
+    plan.check(slices.count())?;
+    request.check(plan)?;
     control.check()?;
     control.progress("aligning", 0, slices.count());
     let slices = FormattedSlices::open(slices, plan)?;
@@ -137,27 +141,13 @@ pub fn fuse_by_decision_map(
     control: &dyn Control,
 ) -> Result<Fused, Interrupted> {
     let request = &FusionRequest::default();
-    check(slices, plan, request)?;
+    plan.check(slices.count())?;
     if (decision_map.width, decision_map.height) != (plan.width, plan.height) {
         return Err(Error::new(ErrorKind::Internal, "the decision map does not have the size of the canvas").into());
     }
     let slices = FormattedSlices::open(slices, plan)?;
     let decision_map = Some(decision_map);
     Run { slices, plan, request, scratch_dir, control, tile: tiles::TILE, decision_map }.fuse()
-}
-
-/// Checks what a stack is to be fused by.
-fn check(slices: &dyn Slices, plan: &Plan, request: &FusionRequest<'_>) -> Result<(), Interrupted> {
-    plan.check(slices.count())?;
-    let planes = [request.object, request.shown].into_iter().flatten();
-    if planes.into_iter().any(|plane| (plane.width, plane.height) != (plan.width, plan.height)) {
-        return Err(Error::new(
-            ErrorKind::Internal,
-            "the silhouette or the plane of shown pixels does not have the size of the canvas",
-        )
-        .into());
-    }
-    Ok(())
 }
 
 impl Run<'_> {
@@ -175,7 +165,8 @@ impl Run<'_> {
         let meter = metrics::slice_meter(self);
         let mut aligned = align::align::<S, C>(self, method::focus_measure(self.plan), meter.as_ref())?;
         let alignment = metrics::alignment::<S>(self, &aligned)?;
-        let blended = method::second_pass::<S, C>(self, &mut aligned)?;
+        let (blended, decision) = method::second_pass::<S, C>(self, &mut aligned)?;
+        let decision = Some(decision).filter(|_| self.request.decision);
         let height_map = height::measure::<S, C>(self, &aligned)?;
         let scores = match &meter {
             Some(meter) => metrics::score::<S, C>(self, &aligned, meter.blocks(), &blended.pixels)?,
@@ -189,7 +180,8 @@ impl Run<'_> {
         let image = Raster { width, height, channels: C, samples: S::wrap(blended.pixels) };
         let mut warnings = warnings(width * height, covered, blended.clamped);
         warnings.extend(blended.contradicts_profile.then(|| depth_order_disagrees(self.plan)));
-        Ok(Fused { image, index: Arc::unwrap_or_clone(aligned.index), height_map, valid, quality, warnings })
+        let index = Arc::unwrap_or_clone(aligned.index);
+        Ok(Fused { image, index, height_map, valid, quality, decision, warnings })
     }
 }
 

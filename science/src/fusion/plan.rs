@@ -230,6 +230,20 @@ pub struct FusionRequest<'a> {
     /// object. They and what is within 32 px of them are fused. To save time, other pixels of [`Fused::image`] may be
     /// those of the reference slice, and [`Fused::index`] may be less exact there. `None`: all pixels are shown.
     pub shown: Option<&'a Plane<u8>>,
+    /// Whether [`Fused::decision`] is kept, for further lights.
+    pub decision: bool,
+}
+
+impl FusionRequest<'_> {
+    /// Checks the planes against the canvas of `plan`.
+    pub(super) fn check(&self, plan: &Plan) -> Result<(), Error> {
+        let planes = [self.object, self.shown].into_iter().flatten();
+        if planes.into_iter().any(|plane| (plane.width, plane.height) != (plan.width, plan.height)) {
+            let detail = "the silhouette or the plane of shown pixels does not have the size of the canvas";
+            return Err(Error::new(ErrorKind::Internal, detail));
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 mod control;
 mod flicker;
 mod focus_range;
+mod further_light;
 mod halo_corrected;
 mod near_detail;
 mod oracle;
@@ -276,7 +277,7 @@ fn metrics_are_measured_on_request_and_do_not_depend_on_the_number_of_threads() 
     let object = Plane::from_fn(600, 140, |x, _| if x < 300 { 255u8 } else { 0 });
     let measured = |threads: usize, object: Option<&Plane<u8>>| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let request = FusionRequest { metrics: true, object, shown: None };
+        let request = FusionRequest { metrics: true, object, shown: None, decision: false };
         pool.install(|| fuse(&&slices[..], &plan, &request, &std::env::temp_dir(), &NoControl).unwrap())
     };
     let (one, two) = (measured(1, None), measured(3, None));
@@ -296,7 +297,7 @@ fn metrics_are_measured_on_request_and_do_not_depend_on_the_number_of_threads() 
 fn a_silhouette_of_another_size_is_refused() {
     let slices = strips(60, 40, 2);
     let object = Plane::filled(61, 40, 255u8);
-    let request = FusionRequest { metrics: true, object: Some(&object), shown: None };
+    let request = FusionRequest { metrics: true, object: Some(&object), shown: None, decision: false };
     let stop = fuse(&&slices[..], &Plan::aligned(60, 40, 2), &request, &std::env::temp_dir(), &NoControl);
     assert!(matches!(stop, Err(Interrupted::Failed(_))));
 }

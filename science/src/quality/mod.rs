@@ -34,6 +34,7 @@ pub(crate) mod two_source;
 mod xydeas;
 
 use crate::types::metrics::SliceMetrics;
+pub use diagnosis::is_misfit;
 pub use focus::DecisionMap;
 pub use focus_order::focus_prefers;
 pub use stack_quality::StackQuality;

@@ -17,6 +17,9 @@ pub struct Metrics {
     pub slices: Vec<SliceMetrics>,
     /// Whether the profile fits this stack.
     pub alignment: AlignmentMetrics,
+    /// One entry per further light; absent without any.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lights: Vec<LightMetrics>,
     /// Null without a back-light stack.
     pub mask: Option<MaskMetrics>,
     /// Diagnosis in sentences: what is wrong with the stack or could be improved, warnings first.
@@ -190,6 +193,15 @@ pub struct AlignmentMetrics {
     /// Share of the canvas that every slice covers.
     #[serde(default)]
     pub common_fraction: Option<f64>,
+}
+
+/// Metrics of a further light.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LightMetrics {
+    /// The name of its folder.
+    pub name: String,
+    /// Whether its own slices fit the profile.
+    pub alignment: AlignmentMetrics,
 }
 
 /// Residual shift, scale and rotation per step from slice to slice: none, if the profile fits.

@@ -10,6 +10,9 @@ pub struct StackLayout {
     pub front: Vec<String>,
     /// Names of the back-light slices, in order; empty without a back light.
     pub back: Vec<String>,
+    /// The further lights, by name; none of them in a calibration.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lights: Vec<FurtherLight>,
     /// Names of the slices of the moved target of a calibration, in order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub moved: Vec<String>,
@@ -29,6 +32,15 @@ pub struct StackLayout {
     pub largest_file_bytes: u64,
 }
 
+/// A further light of a stack: the same view, taken again at the same rail positions under another light.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct FurtherLight {
+    /// The name of its folder: 1 to 32 letters, digits, `-` and `_`.
+    pub name: String,
+    /// Names of its slices, in order; as many as of the front light.
+    pub slices: Vec<String>,
+}
+
 fn upright() -> u8 {
     1
 }
@@ -39,6 +51,7 @@ impl StackLayout {
     pub fn reversed(mut self) -> Self {
         self.front.reverse();
         self.back.reverse();
+        self.lights.iter_mut().for_each(|light| light.slices.reverse());
         self
     }
 }

@@ -115,6 +115,7 @@ codes! {
     CoverageGap "coverage_gap"
     RedundantSlices "redundant_slices"
     ProfileMisfit "profile_misfit"
+    LightMisfit "light_misfit"
     SliceMisaligned "slice_misaligned"
     PictureJumps "picture_jumps"
     ForeignSlice "foreign_slice"

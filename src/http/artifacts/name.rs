@@ -33,14 +33,15 @@ const ATTR_CHAR: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(
 const MAX_STEM: usize = 100;
 
 /// The file name of an artifact. The image has no suffix, so that `a.png` and `a_mask.png` are the pair that
-/// photogrammetry tools look for.
+/// photogrammetry tools look for. The picture of a further light is `a_lights_uv.png`.
 pub fn of(job: &Job, artifact: &str, media_type: &str) -> String {
     let stem = match &job.request {
         JobRequest::Stack(request) => of_view(&request.options),
         JobRequest::Calibration(_) => None,
     };
     let stem = stem.unwrap_or_else(|| by_upload(job));
-    let suffix = if artifact == StackArtifact::Image.name() { String::new() } else { format!("_{artifact}") };
+    let is_image = artifact == StackArtifact::Image.name();
+    let suffix = if is_image { String::new() } else { format!("_{}", artifact.replace('/', "_")) };
     let extension = FileFormat::of_media_type(media_type).unwrap_or(FileFormat::Png).extension();
     format!("{stem}{suffix}.{extension}")
 }

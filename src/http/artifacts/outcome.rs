@@ -3,12 +3,13 @@
 use crate::{
     contract::{
         Code, JobKind, JobState,
-        artifact::StackArtifact,
+        artifact::{StackArtifact, light_of},
         outcome::{Artifact, CalibrationOutcome, JobOutcome, StackOutcome},
     },
     http::{ApiError, ApiResult, job_resource::not_found},
     store::Job,
 };
+use pinstack_science::types::stack_layout::StackLayout;
 
 /// The outcome of a job.
 ///
@@ -72,6 +73,9 @@ pub fn missing(job: &Job, name: &str) -> ApiError {
         let detail = format!("there is no {name}: the stack was fused with height=none; rerun it with height=auto");
         return ApiError::new(Code::NoResult, detail);
     }
+    if let Some(light) = light_of(name) {
+        return ApiError::new(Code::NoResult, no_light(light, job.request.layout()));
+    }
     let needs_back_light = StackArtifact::of_name(name).is_some_and(StackArtifact::needs_back_light);
     let has_back_light = !job.request.layout().back.is_empty();
     let detail = match (needs_back_light, has_back_light) {
@@ -80,4 +84,17 @@ pub fn missing(job: &Job, name: &str) -> ApiError {
         (false, _) => format!("the job made no {name}"),
     };
     ApiError::new(Code::NoResult, detail)
+}
+
+/// The sentence for a further light that a stack does not have.
+fn no_light(name: &str, layout: &StackLayout) -> String {
+    let name: String = name.chars().take(80).collect();
+    let others: Vec<&str> = layout.lights.iter().map(|light| light.name.as_str()).collect();
+    match others.is_empty() {
+        true => format!(
+            "there is no light '{name}': the stack has no further lights; put their slices into folders beside front/, each \
+             with the name of its light"
+        ),
+        false => format!("there is no light '{name}': the further lights of the stack are {}", others.join(", ")),
+    }
 }

@@ -12,10 +12,7 @@ use super::{
     redirect::MayRedirect,
 };
 use crate::{
-    contract::{
-        artifact::{FileFormat, StackArtifact},
-        outcome::Artifact,
-    },
+    contract::{artifact::FileFormat, outcome::Artifact},
     http::{
         ApiError, ApiResult, App,
         extract::conditional::{not_modified, require_match},
@@ -24,7 +21,8 @@ use crate::{
     store::Job,
 };
 
-/// The response to `GET` or `HEAD` of an artifact of a stack.
+/// The response to `GET` or `HEAD` of a picture of a stack: of the name of its file, and the formats that it can be
+/// converted to.
 ///
 /// # Errors
 /// Those of [`outcome::artifact`], [`download::stored`] and [`Download::answer`]; `insufficient_storage` when there is
@@ -32,14 +30,14 @@ use crate::{
 pub async fn answer(
     app: &App,
     job: &Job,
-    picture: StackArtifact,
+    (picture, formats): (&str, &[FileFormat]),
     method: &Method,
     headers: &HeaderMap,
     redirect: MayRedirect,
 ) -> ApiResult<Response> {
-    let artifact = outcome::artifact(job, picture.name())?;
-    let download = match accept::choose(headers, picture.formats(), &artifact.media_type) {
-        None => download::stored(app, job, artifact, name::of(job, picture.name(), &artifact.media_type)).await?,
+    let artifact = outcome::artifact(job, picture)?;
+    let download = match accept::choose(headers, formats, &artifact.media_type) {
+        None => download::stored(app, job, artifact, name::of(job, picture, &artifact.media_type)).await?,
         Some(format) => converted(app, job, artifact, format, method, headers).await?,
     };
     let disposition = name::disposition(&download.name);
@@ -47,7 +45,7 @@ pub async fn answer(
         Some(redirect) => redirect,
         None => download.answer(headers).await?,
     };
-    if !picture.formats().is_empty() {
+    if !formats.is_empty() {
         response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
     }
     Ok(response)

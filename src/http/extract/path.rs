@@ -55,6 +55,18 @@ impl<S: Send + Sync> FromRequestParts<S> for UploadId {
     }
 }
 
+/// `{name}` of a further light, as the client wrote it.
+#[derive(Debug, Clone)]
+pub struct LightName(pub String);
+
+impl<S: Send + Sync> FromRequestParts<S> for LightName {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        Ok(Self(segments(parts, state).await?.remove("name").unwrap_or_default()))
+    }
+}
+
 async fn id<S: Send + Sync>(parts: &mut Parts, state: &S, what: &'static str) -> Result<Uuid, ApiError> {
     // invalid UTF-8 is not an id either
     let segments = segments(parts, state).await.unwrap_or_default();

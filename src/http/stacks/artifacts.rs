@@ -84,7 +84,8 @@ macro_rules! endpoint {
             headers: HeaderMap,
         ) -> ApiResult<Response> {
             let job = load(&app, id, JobKind::Stack).await?;
-            picture::answer(&app, &job, StackArtifact::$variant, &method, &headers, redirect).await
+            let picture = (StackArtifact::$variant.name(), StackArtifact::$variant.formats());
+            picture::answer(&app, &job, picture, &method, &headers, redirect).await
         }
     };
 }

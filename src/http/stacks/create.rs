@@ -36,8 +36,8 @@ pub struct StackForm {
 /// Submit a focus stack
 ///
 /// The body is a zip of the slices: front-light slices in the folder `front/` (or in the root), back-light slices in
-/// `back/`. Slices are JPEG, PNG or TIFF files of 8 or 16 bits per sample. Their order is the natural order of their
-/// names.
+/// `back/`; beside `front/`, other folders are further lights of the same view. Slices are JPEG, PNG or TIFF files of 8
+/// or 16 bits per sample. Their order is the natural order of their names.
 ///
 /// Names, options, profile, length, quota and disk space are checked before the body is read; send `Expect:
 /// 100-continue` to profit from that. The body is streamed to disk. The directory of the zip and the headers of its

@@ -3,6 +3,7 @@
 
 pub mod artifacts;
 pub mod create;
+pub mod lights;
 pub mod metrics;
 pub mod rerun;
 pub mod upload;

@@ -66,7 +66,7 @@ pub struct UploadView {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ArtifactView {
     // in the OpenAPI document, `system/schemas.rs` lists the names in place of this sentence
-    /// The name of a [`StackArtifact`](crate::contract::artifact::StackArtifact), or `overlay-{slice}`.
+    /// The name of a [`StackArtifact`](crate::contract::artifact::StackArtifact), `lights/{name}` or `overlay-{slice}`.
     pub name: String,
     /// URL of the file.
     pub href: String,

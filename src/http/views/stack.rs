@@ -1,5 +1,7 @@
 //! A stack as the API shows it.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
@@ -7,9 +9,9 @@ use uuid::Uuid;
 use super::job::{ArtifactView, JobView, profile_url, url};
 use crate::{
     contract::{
-        artifact::{StackArtifact, stack_artifacts},
+        artifact::{StackArtifact, light_of, stack_artifacts},
         options::StackOptions,
-        outcome::{HeightInfo, ImageInfo, JobOutcome, StackOutcome},
+        outcome::{Artifact, HeightInfo, ImageInfo, JobOutcome, StackOutcome},
         request::StackRequest,
     },
     store::Job,
@@ -73,6 +75,9 @@ macro_rules! links {
             /// Its metrics.
             #[serde(skip_serializing_if = "Option::is_none")]
             pub metrics: Option<String>,
+            /// The pictures of the further lights, by name; absent without any.
+            #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+            pub lights: BTreeMap<String, String>,
             $(
                 #[doc = $link]
                 #[serde(skip_serializing_if = "Option::is_none")]
@@ -85,7 +90,9 @@ macro_rules! links {
                 let url = url(job);
                 let files = outcome.map(|outcome| outcome.artifacts.as_slice()).unwrap_or_default();
                 let link = |of: StackArtifact| of.among(files).map(|file| format!("{url}/{}", file.name));
+                let light = |file: &Artifact| Some((light_of(&file.name)?.to_owned(), format!("{url}/{}", file.name)));
                 Self {
+                    lights: files.iter().filter_map(light).collect(),
                     events: format!("{url}/events"),
                     profile: profile_url(job, request.profile_revision),
                     cancel: (!job.state.is_final()).then(|| format!("{url}/cancel")),

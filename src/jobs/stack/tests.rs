@@ -22,6 +22,7 @@ use pinstack_science::{
 use sha2::{Digest, Sha256};
 
 mod colours;
+mod further_lights;
 mod lateral_colour;
 mod pictures;
 

@@ -108,6 +108,7 @@ fn layout() -> StackLayout {
     StackLayout {
         front: vec!["front/1.png".into(), "front/2.png".into()],
         back: vec![],
+        lights: vec![],
         moved: vec![],
         width: 64,
         height: 48,

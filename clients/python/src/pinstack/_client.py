@@ -266,7 +266,7 @@ class Client:
         """A result file as bytes.
 
         Args:
-            name: a name in ``stack["artifacts"]``, such as ``image`` or ``mask``.
+            name: a name in ``stack["artifacts"]``, such as ``image``, ``mask`` or ``lights/uv``.
             accept: media type, such as ``image/tiff``; default: the type that the stack was fused with.
         """
         return self._transport.run(self._do.artifact(stack, name, accept))
@@ -295,6 +295,14 @@ class Client:
     def depth(self, stack: Reference) -> Array:
         """The index of the sharpest slice, ``H x W``, 16 bits."""
         return self._transport.run(self._do.array(stack, "depth"))
+
+    def light(self, stack: Reference, name: str) -> Array:
+        """A further light, fused by the decision map of the front light; shape and alpha are those of the image.
+
+        Args:
+            name: the name of its folder, a key of ``stack["links"]["lights"]``.
+        """
+        return self._transport.run(self._do.array(stack, f"lights/{name}"))
 
     def height(self, stack: Reference) -> NDArray[numpy.float64]:
         """The height map, ``H x W``, in the unit ``stack["height"]["unit"]``; NaN where the height is unknown."""

@@ -167,7 +167,7 @@ class Operations:
         return (yield from self.wait(sent, on_progress, timeout_s, True))
 
     def artifact(self, stack: Reference, name: str, accept: Optional[str]) -> Operation[bytes]:
-        return self.get_bytes(job_path(stack) + path(name), {}, accept)
+        return self.get_bytes(job_path(stack) + path(*name.split("/")), {}, accept)
 
     def save_artifact(
         self, stack: Reference, name: str, to: PathLike, on_bytes: Optional[_uploads.OnBytes]
@@ -175,7 +175,8 @@ class Operations:
         target = Path(to)
         accept = TYPES.get(target.suffix.lower())
         headers = {"accept": accept} if accept else {}
-        return _downloads.save(job_path(stack) + path(name), {}, headers, target, self.retry, on_bytes)
+        at = job_path(stack) + path(*name.split("/"))
+        return _downloads.save(at, {}, headers, target, self.retry, on_bytes)
 
     def save_upload(self, stack: Reference, to: PathLike, on_bytes: Optional[_uploads.OnBytes]) -> Operation[Path]:
         return _downloads.save(f"{job_path(stack)}/upload", {}, {}, Path(to), self.retry, on_bytes)

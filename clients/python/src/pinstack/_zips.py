@@ -14,13 +14,14 @@ import zlib
 from bisect import bisect_right
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
-from typing import Dict, Iterable, Iterator, List, Mapping, Sequence, Union
+from typing import Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Union
 
 from ._errors import PinstackError
 from ._paths import on_disk, walk
 
 PathLike = Union[str, "PurePath"]
-#: What can be sent as a zip: a zip file, a folder, a list of slices, or ``{"front": [...], "back": [...]}``.
+#: What can be sent as a zip: a zip file, a folder, a list of slices, or ``{"front": [...], "back": [...]}``, where
+#: other names are further lights: ``{"front": [...], "uv": [...]}``.
 Sendable = Union[PathLike, bytes, Sequence[PathLike], Mapping[str, Sequence[PathLike]], "Source"]
 
 #: Extensions of pictures that the service reads.
@@ -46,6 +47,8 @@ SKIPPED_FOLDERS = frozenset(
         "temporary items",
     }
 )
+#: The name of a further light.
+LIGHT_NAME = re.compile("[A-Za-z0-9_-]{1,32}")
 BLOCK = 1 << 18
 #: Bit 3: size and CRC follow the data. Bit 11: names are UTF-8.
 FLAGS = 0x0808
@@ -172,12 +175,16 @@ class StoredZip(Source):
         return cls(members, name=f"{folder.resolve().name or 'upload'}.zip")
 
     @classmethod
-    def of_slices(cls, front: Sequence[PathLike], back: Sequence[PathLike] = (), is_ordered: bool = False) -> StoredZip:
+    def of_slices(
+        cls, front: Sequence[PathLike], back: Sequence[PathLike] = (), is_ordered: bool = False,
+        lights: Optional[Mapping[str, Sequence[PathLike]]] = None,
+    ) -> StoredZip:  # fmt: skip
         """A stack of these slices, fused in the order of their names; with ``is_ordered`` in that of the lists, and
-        their names in the zip begin with a number."""
+        their names in the zip begin with a number. ``lights`` are further lights by name."""
+        folders = {"front": front, "back": back, **(lights or {})}
         members = [
             Member.of(Path(path), f"{light}/{f'{at:05d}_' if is_ordered else ''}{Path(path).name}")
-            for light, paths in (("front", front), ("back", back))
+            for light, paths in folders.items()
             for at, path in enumerate(paths, 1)
         ]
         if not members:
@@ -289,10 +296,15 @@ def source(sendable: Sendable) -> Source:
             )
         return FileSource(path)
     if isinstance(sendable, Mapping):
-        unknown = sorted(set(sendable) - {"front", "back"})
-        if unknown:
-            raise PinstackError("invalid_source", f"slices are 'front' or 'back', not {unknown[0]!r}")
-        return StoredZip.of_slices(sendable.get("front", ()), sendable.get("back", ()))
+        lights = {name: paths for name, paths in sendable.items() if name not in ("front", "back")}
+        wrong = sorted(name for name in lights if not LIGHT_NAME.fullmatch(name))
+        if wrong:
+            detail = f"slices are 'front', 'back' or a further light of letters, digits, '-' and '_', not {wrong[0]!r}"
+            raise PinstackError("invalid_source", detail)
+        empty = sorted(name for name, paths in lights.items() if not paths)
+        if empty:
+            raise PinstackError("invalid_source", f"the list of slices of the further light {empty[0]!r} is empty")
+        return StoredZip.of_slices(sendable.get("front", ()), sendable.get("back", ()), lights=lights)
     return StoredZip.of_slices(sendable)
 
 

@@ -281,6 +281,13 @@ class FormatsInfo(TypedDict):
     uploads: List[str]
 
 
+class FurtherLight(TypedDict):
+    """A further light of a stack: the same view, taken again at the same rail positions under another light."""
+
+    name: str
+    slices: List[str]
+
+
 class FusionMetrics(TypedDict):
     """Quality of the fused image, measured on luma 0..255 (16-bit slices are scaled) over valid pixels, and over the object alone when there is a mask."""
 
@@ -371,6 +378,13 @@ class LateralColour(TypedDict):
     red: ColourDisplacement
 
 
+class LightMetrics(TypedDict):
+    """Metrics of a further light."""
+
+    alignment: AlignmentMetrics
+    name: str
+
+
 class LimitsInfo(TypedDict):
     """Limits of the service."""
 
@@ -407,6 +421,7 @@ class Metrics(TypedDict):
     findings: NotRequired[List[Finding]]
     focus: FocusMetrics
     fusion: FusionMetrics
+    lights: NotRequired[List[LightMetrics]]
     mask: NotRequired[Optional[MaskMetrics]]
     slices: List[SliceMetrics]
     timing_ms: Timing
@@ -818,6 +833,7 @@ class StackLayout(TypedDict):
     front: List[str]
     height: int
     largest_file_bytes: NotRequired[int]
+    lights: NotRequired[List[FurtherLight]]
     moved: NotRequired[List[str]]
     orientation: NotRequired[int]
     width: int
@@ -833,6 +849,7 @@ class StackLinks(TypedDict):
     height: NotRequired[Optional[str]]
     height_sigma: NotRequired[Optional[str]]
     image: NotRequired[Optional[str]]
+    lights: NotRequired[Dict[str, str]]
     mask: NotRequired[Optional[str]]
     metrics: NotRequired[Optional[str]]
     preview: NotRequired[Optional[str]]

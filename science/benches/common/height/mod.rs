@@ -102,7 +102,7 @@ impl Stack {
             height_map: Some(HeightAxis::steps(count, 0, None)),
             ..Plan::aligned(rig.width, rig.height, count)
         };
-        let request = FusionRequest { metrics: false, object: Some(&self.truth.mask), shown: None };
+        let request = FusionRequest { metrics: false, object: Some(&self.truth.mask), shown: None, decision: false };
         fuse(&&self.slices[..], &plan, &request, &std::env::temp_dir(), &NoControl).expect("the stack can be fused")
     }
 

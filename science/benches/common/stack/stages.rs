@@ -83,7 +83,7 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
             watch.cost()
         }
         "with metrics" => {
-            let request = FusionRequest { metrics: true, object: None, shown: None };
+            let request = FusionRequest { metrics: true, object: None, shown: None, decision: false };
             fuse(archive.front(), &plan, &request, folder, &passes).expect("it can be fused");
             since(started)
         }
@@ -101,8 +101,12 @@ pub fn stage(name: &str, case: Case, folder: &Path) -> Cost {
             let silhouette = silhouette(&fused_back(&passes));
             let inside = silhouette.mask.data.iter().filter(|v| **v != 0).count() as f64;
             eprintln!("the object covers {:.0} % of the canvas", 100.0 * inside / (case.width * case.height) as f64);
-            let request =
-                FusionRequest { metrics: true, object: Some(&silhouette.mask), shown: Some(silhouette.image_alpha()) };
+            let request = FusionRequest {
+                metrics: true,
+                object: Some(&silhouette.mask),
+                shown: Some(silhouette.image_alpha()),
+                decision: false,
+            };
             watch.time(|| fuse(archive.front(), &plan, &request, folder, &passes)).expect("it can be fused");
             watch.cost()
         }

@@ -15,7 +15,7 @@ use super::{
     view::{Group, Ignored, ScanRules},
 };
 use crate::{
-    archive::{layout::Split, light::Light, member_names, members::Member, natural_order, slice_order},
+    archive::{layout::Split, light::Light, member_names, members::Member, natural_order, other_folders, slice_order},
     types::{Error, Warning, text::folded},
 };
 
@@ -74,8 +74,10 @@ pub(super) fn group(
         }
         None => {
             let (views, rest): (Vec<Member>, Vec<Member>) =
-                pictures.into_iter().partition(|picture| folders::no_view(picture.folder()).is_none());
-            ignored.extend(rest.iter().filter_map(|member| Some(ignore(member, folders::no_view(member.folder())?))));
+                pictures.into_iter().partition(|picture| other_folders::no_slices(picture.folder()).is_none());
+            ignored.extend(
+                rest.iter().filter_map(|member| Some(ignore(member, other_folders::no_slices(member.folder())?))),
+            );
             by_names(views, rules, enclosing, &mut ignored, warnings)?
         }
     };

@@ -4,9 +4,9 @@ use std::collections::{HashMap, HashSet};
 
 use serde::Deserialize;
 
-use super::{folders, view::Group};
+use super::view::Group;
 use crate::{
-    archive::{manifest::json, member_names, members::Member, messages::invalid},
+    archive::{manifest::json, member_names, members::Member, messages::invalid, other_folders},
     types::{Error, text::folded},
 };
 
@@ -50,7 +50,7 @@ pub(super) fn has_its_name(member: &Member) -> bool {
 /// but those of results and of targets; of several the least deep one. A file of this name in another folder belongs to
 /// another program.
 pub(super) fn find<'a>(others: &'a [Member], pictures: &[Member]) -> Option<&'a Member> {
-    let has_slices = |folder: &&str| folders::no_view(folder).is_none();
+    let has_slices = |folder: &&str| other_folders::no_slices(folder).is_none();
     let all: HashSet<&str> = pictures.iter().map(Member::folder).collect();
     let slices: Vec<&str> = all.iter().copied().filter(has_slices).collect();
     let enclosed = if slices.is_empty() { all.into_iter().collect() } else { slices };

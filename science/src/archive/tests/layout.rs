@@ -61,7 +61,7 @@ fn folders_that_do_not_tell_the_light_are_refused() {
     for names in [
         &["front/a.png", "front/b.png", "c.png"][..],
         &["one/a.png", "two/b.png"],
-        &["front/a.png", "front/b.png", "other/c.png"],
+        &["other/a.png", "other/b.png", "back/a.png", "back/b.png"],
         &["front/1/a.png", "front/2/b.png"],
         &["a.png", "thumbs/a.png"],
     ] {

@@ -34,8 +34,10 @@ fn one_thing_is_told_in_the_singular() {
     assert!(one.starts_with("the zip has 2 front-light slices and 1 back-light slice; both"), "{one}");
     let one = told(&["back/a.png"]);
     assert!(one.starts_with("the zip has 1 back-light slice and no front-light slices"), "{one}");
-    let one = told(&["front/a.png", "front/b.png", "other/c.png"]);
+    let one = told(&["other/a.png", "other/b.png", "back/c.png"]);
     assert!(one.contains("in a folder that is neither front nor back (other);"), "{one}");
+    let one = told(&["front/a.png", "front/b.png", "uv/c.png"]);
+    assert!(one.starts_with("the further light uv has 1 slice and the front light 2;"), "{one}");
     let two = told(&["one/a.png", "two/b.png"]);
     assert!(two.contains("in folders that are neither front nor back (one, two);"), "{two}");
 }

@@ -12,7 +12,7 @@ const SEPARABLE: f32 = 1.8;
 pub(super) const MAX_RADIUS: f32 = 64.0;
 
 /// How focus changes from slice to slice.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct DefocusModel {
     /// Per slice: its position on the rail in mean steps.
     pub(super) positions: Vec<f32>,
@@ -34,6 +34,12 @@ impl DefocusModel {
 }
 
 impl DefocusModel {
+    /// The model of `slices` slices whose blur was not measured.
+    pub(super) fn unknown(slices: usize) -> Self {
+        let positions = positions(slices, None);
+        Self { positions, radius_per_step: 0.0, increasing_depth: None, contradicts_profile: false }
+    }
+
     /// Blur radius, px, in slice `b` of what is sharp in slice `a`.
     pub(super) fn radius(&self, a: usize, b: usize) -> f32 {
         (self.radius_per_step * (self.positions[a] - self.positions[b]).abs()).min(MAX_RADIUS)

@@ -19,12 +19,14 @@
 
 mod confidence;
 mod correction;
+mod decision;
 mod decision_map;
 mod defocus_measurement;
 mod defocus_model;
 mod depth_order;
 mod mosaic;
 mod pixel_groups;
+mod rounding;
 mod warped_slices;
 
 use super::{
@@ -43,15 +45,21 @@ use crate::{
     types::{Error, ErrorKind, Interrupted},
 };
 use confidence::ImagePair;
+pub use decision::Decision;
 use decision_map::{DecisionMap, MeasuredFocus, TEXTURED};
 use defocus_model::DefocusModel;
+use rounding::{out_of_range, rounded};
 use warped_slices::WarpedSlices;
 
-/// Fuses a stack; returns the image. `aligned.index` becomes the slice that each pixel is taken from.
+/// Fuses a stack; returns the image, and what decided it. `aligned.index` becomes the slice that each pixel is taken
+/// from.
 ///
 /// Without a measured blur, only textureless pixels and outliers of the decision map are refined, and nothing can be
 /// corrected: then the pyramid image is returned.
-pub(super) fn fuse<S: Sample, const C: usize>(run: &Run<'_>, aligned: &mut Aligned) -> Result<Blended<S>, Interrupted> {
+pub(super) fn fuse<S: Sample, const C: usize>(
+    run: &Run<'_>,
+    aligned: &mut Aligned,
+) -> Result<(Blended<S>, Decision), Interrupted> {
     run.control.check()?;
     let no_energy = || Error::new(ErrorKind::Internal, "the first pass has not measured the focus energy");
     let MeasuredEnergy { largest: energy, coarse, cells } = aligned.energy.take().ok_or_else(no_energy)?;
@@ -74,7 +82,7 @@ pub(super) fn fuse<S: Sample, const C: usize>(run: &Run<'_>, aligned: &mut Align
     let slices = WarpedSlices::<S, C>::new(aligned, run.control);
     let pyramid = pyramid::blend::<S, C>(run, aligned, Some(&relevance), shown::MARGIN + reach())?;
     if !model.is_known() {
-        return Ok(pyramid);
+        return Ok((pyramid, Decision { map, model }));
     }
     let fusion = Fusion { slices: &slices, map: &map, model: &model, pyramid: &pyramid.pixels };
     let what = (run, &*aligned, shown::MARGIN);
@@ -82,7 +90,7 @@ pub(super) fn fuse<S: Sample, const C: usize>(run: &Run<'_>, aligned: &mut Align
     let mut blended = in_tiles::<S, C, _>(what, "correcting halos", Rows::default, tile)?;
     blended.clamped = blended.clamped.max(pyramid.clamped);
     blended.contradicts_profile = model.contradicts_profile;
-    Ok(blended)
+    Ok((blended, Decision { map, model }))
 }
 
 /// How far around a tile its pixels depend on the mosaic and on the pyramid image, px.
@@ -127,31 +135,6 @@ impl<S: Sample, const C: usize> Fusion<'_, S, C> {
         pair.blend::<C>(rect, rows, out);
         Ok(out_of_range::<S, C>(&values, window, rect))
     }
-}
-
-/// The number of pixels of `rect` with a value more than one grey level of 255 outside the range of the samples;
-/// `values` are those of `window`.
-fn out_of_range<S: Sample, const C: usize>(values: &[f32], window: Rect, rect: Rect) -> usize {
-    let level = S::DEPTH.max() / 255.0;
-    let (low, high) = (-level, S::DEPTH.max() + level);
-    let (left, top) = (rect.x - window.x, rect.y - window.y);
-    let outside = (top..top + rect.height).map(|y| {
-        let row = values[(y * window.width + left) * C..][..rect.width * C].as_chunks::<C>().0;
-        let outside = |pixel: &[f32; C]| pixel.iter().fold(false, |is, &value| is | (value < low) | (value > high));
-        row.iter().map(|pixel| usize::from(outside(pixel))).sum::<usize>()
-    });
-    outside.sum()
-}
-
-/// Values rounded to samples.
-fn rounded<S: Sample>(values: &[f32]) -> Vec<S> {
-    let mut samples = vec![S::default(); values.len()];
-    simd::run(
-        Avx2::detect(),
-        #[inline(always)]
-        || samples.iter_mut().zip(values).for_each(|(sample, &value)| *sample = S::rounded(value.max(0.0))),
-    );
-    samples
 }
 
 /// Per pixel: the absolute change, averaged over channels.

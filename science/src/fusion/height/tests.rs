@@ -14,7 +14,8 @@ use crate::{
 };
 
 fn fused(slices: &[Raster], plan: &Plan, object: Option<&Plane<u8>>, tile: usize) -> Fused {
-    let (request, folder) = (FusionRequest { metrics: false, object, shown: None }, std::env::temp_dir());
+    let (request, folder) =
+        (FusionRequest { metrics: false, object, shown: None, decision: false }, std::env::temp_dir());
     let slices = FormattedSlices::open(&slices, plan).unwrap();
     Run { slices, plan, request: &request, scratch_dir: &folder, control: &NoControl, tile, decision_map: None }
         .fuse()

@@ -19,7 +19,7 @@ fn sampled_and_whole(rig: &Rig, scene: &Scene, masked: bool) -> [FusionMetrics; 
     let without_rail = |slice: SlicePlan| SlicePlan { rail_mm: None, ..slice };
     let planned = slice_plans(rig).into_iter().map(without_rail).collect();
     let plan = Plan { slices: planned, ..Plan::aligned(rig.width, rig.height, rig.slices()) };
-    let request = FusionRequest { metrics: true, object: masked.then_some(&object), shown: None };
+    let request = FusionRequest { metrics: true, object: masked.then_some(&object), shown: None, decision: false };
     let (folder, slices) = (std::env::temp_dir(), &slices[..]);
     let run = Run {
         slices: FormattedSlices::open(&slices, &plan).unwrap(),

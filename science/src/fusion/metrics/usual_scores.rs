@@ -18,7 +18,7 @@ fn scores(rig: &Rig, stage: &Stage, method: Method) -> [FusionMetrics; 2] {
     let without_rail = |slice: SlicePlan| SlicePlan { rail_mm: None, ..slice };
     let planned = slice_plans(rig).into_iter().map(without_rail).collect();
     let plan = Plan { method, slices: planned, ..Plan::aligned(rig.width, rig.height, rig.slices()) };
-    let request = FusionRequest { metrics: true, object: Some(&truth.mask), shown: None };
+    let request = FusionRequest { metrics: true, object: Some(&truth.mask), shown: None, decision: false };
     let (folder, slices) = (std::env::temp_dir(), &slices[..]);
     let fused = fuse(&slices, &plan, &request, &folder, &NoControl).unwrap();
     let run = Run {

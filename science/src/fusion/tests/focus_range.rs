@@ -14,7 +14,7 @@ fn too_short(rig: &Rig, seed: u64, missing: usize, method: Method) -> [Option<bo
     let Rendered { slices, plan, truth } = rendered(&rig, &Scene::plates(seed), Light::Front);
     let kept = missing..slices.len() - missing;
     let plan = Plan { method, reference: plan.reference - missing, slices: plan.slices[kept.clone()].to_vec(), ..plan };
-    let request = FusionRequest { metrics: true, object: Some(&truth.mask), shown: None };
+    let request = FusionRequest { metrics: true, object: Some(&truth.mask), shown: None, decision: false };
     let folder = std::env::temp_dir();
     let focus = fuse(&&slices[kept], &plan, &request, &folder, &NoControl).unwrap().quality.unwrap().focus;
     [focus.range_too_short_near, focus.range_too_short_far]

@@ -78,7 +78,7 @@ fn metrics_of_the_object_are_the_same_whatever_else_is_shown() {
     for method in Method::ALL {
         let plan = Plan { method, ..stack.plan.clone() };
         let of = |shown| {
-            let request = FusionRequest { metrics: true, object: Some(&object), shown };
+            let request = FusionRequest { metrics: true, object: Some(&object), shown, decision: false };
             fused_as_asked(&stack.slices, &plan, &request, 64).quality.unwrap()
         };
         let (mut part, mut whole) = (of(Some(&object)), of(None));
@@ -102,7 +102,7 @@ fn if_nothing_is_shown_nothing_is_fused() {
     let nothing = Plane::filled(900, 300, 0);
     for method in Method::ALL {
         let plan = Plan { method, ..stack.plan.clone() };
-        let request = FusionRequest { metrics: true, object: Some(&nothing), shown: Some(&nothing) };
+        let request = FusionRequest { metrics: true, object: Some(&nothing), shown: Some(&nothing), decision: false };
         assert_eq!(fused_as_asked(&stack.slices, &plan, &request, 64).image, reference, "{method:?}");
     }
 }

@@ -31,7 +31,7 @@ const OTHER_PART: f64 = 1.0 / 80.0;
 const OTHER_PART_SIGMAS: f64 = 20.0;
 
 /// Whether a residual similarity is large and certain enough to be a fault.
-pub(super) fn is_misfit(residual: &ResidualSimilarity) -> bool {
+pub fn is_misfit(residual: &ResidualSimilarity) -> bool {
     residual.corner_drift_px > MISFIT_PX.max(MISFIT_SIGMAS * residual.corner_drift_sigma_px)
 }
 

@@ -15,6 +15,8 @@ mod geometry;
 mod image;
 mod order;
 
+pub use geometry::is_misfit;
+
 use super::{alignment::OwnShift, stack_quality::StackQuality};
 use crate::types::{
     WarningCode,

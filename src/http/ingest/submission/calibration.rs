@@ -113,6 +113,14 @@ impl CalibrationSubmission {
     }
 
     fn check(&self, layout: &StackLayout) -> Result<(), Fault> {
+        if let Some(light) = layout.lights.first() {
+            let detail = format!(
+                "the zip has a folder {} beside front/; a calibration has the slices of the target in front/, and those of \
+                 a moved target in moved/: remove the folder",
+                light.name
+            );
+            return Err(Fault::new(Code::InvalidArchive, detail).in_file(&light.name, None));
+        }
         let count = layout.front.len();
         if !(2..=MAX_SLICES).contains(&count) {
             let detail = format!("the archive has {count} slices; a calibration needs 2 to {MAX_SLICES}");

@@ -14,7 +14,7 @@ use crate::{
     },
     store::Job,
 };
-use pinstack_science::types::metrics::Severity;
+use pinstack_science::types::metrics::{AlignmentMetrics, Severity};
 
 /// Warnings, and what else the metrics found.
 pub fn warnings(job: &Job, outcome: Option<&StackOutcome>) -> Markup {
@@ -89,6 +89,7 @@ pub fn facts(job: &Job, request: &StackRequest, outcome: Option<&StackOutcome>) 
                 dt { "Slices" }
                 dd { (layout.front.len()) " front light"
                     @if !layout.back.is_empty() { ", " (layout.back.len()) " back light" }
+                    @for light in &layout.lights { ", " (light.slices.len()) " " (light.name) }
                     ", " (layout.width) " × " (layout.height) " px, " (layout.bit_depth) " bits" }
                 @if let Some(outcome) = outcome { (results(outcome)) }
                 dt { "Method" } dd { (json_word(&options.method)) }
@@ -107,11 +108,12 @@ fn results(outcome: &StackOutcome) -> Markup {
     let ImageInfo { width, height, bit_depth, crop_offset_px: [x, y], .. } = &outcome.image;
     let metrics = &outcome.metrics;
     let percent = |share: Option<f64>| share.map(|share| format!("{:.1} %", 100.0 * share));
+    let fits = |of: &AlignmentMetrics| of.residual_p95_px.map(|px| format!("{px:.2} px (95 %)"));
     let rows = [
         ("Never in focus", percent(metrics.focus.unfocused_fraction)),
         ("Object", percent(metrics.mask.as_ref().map(|mask| mask.foreground_fraction))),
         ("Clipped", percent(metrics.fusion.clipped_fraction)),
-        ("Slices fit within", metrics.alignment.residual_p95_px.map(|px| format!("{px:.2} px (95 %)"))),
+        ("Slices fit within", fits(&metrics.alignment)),
     ];
     let total = std::time::Duration::from_millis(metrics.timing_ms.total);
     html! {
@@ -121,6 +123,9 @@ fn results(outcome: &StackOutcome) -> Markup {
             dt { "Height map" } dd { "in " (json_word(&height.unit)) ", known for " (format!("{:.0} %", 100.0 * height.valid_fraction)) " of the object" }
         }
         @for (name, value) in rows { @if let Some(value) = value { dt { (name) } dd { (value) } } }
+        @for light in &metrics.lights {
+            @if let Some(value) = fits(&light.alignment) { dt { "Slices of " (light.name) " fit within" } dd { (value) } }
+        }
         @if metrics.timing_ms.total > 0 { dt { "Time" } dd { (duration(total)) } }
         @if let Some(software) = &outcome.software { dt { "Made by" } dd { (text(software)) } }
     }

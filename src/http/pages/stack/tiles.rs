@@ -1,5 +1,6 @@
-//! `GET /stacks/{id}/tiles/{artifact}/{level}/{x}/{y}`: a part of a picture as PNG, at most 512 px a side. `slice-N` in
-//! place of an artifact is slice N of the front light, warped to the reference slice, in the order of fusion from 0.
+//! `GET /stacks/{id}/tiles/{artifact}/{level}/{x}/{y}`: a part of a picture as PNG, at most 512 px a side. In place of
+//! an artifact, `light-NAME` is a further light, and `slice-N` is slice N of the front light, warped to the reference
+//! slice, in the order of fusion from 0.
 //!
 //! The first tile of a picture decodes it, once, into a file with all levels ([`pyramid`]). The same cache that holds
 //! converted pictures holds that file: concurrent requests wait for one decoding, pictures are decoded one at a time,
@@ -17,7 +18,7 @@ use uuid::Uuid;
 use crate::{
     contract::{
         Code, JobKind,
-        artifact::{Colours, StackArtifact},
+        artifact::{Colours, StackArtifact, light_name},
         request::JobRequest,
     },
     http::{
@@ -37,10 +38,14 @@ use crate::{
 /// Begins the name of a slice.
 pub const SLICE: &str = "slice-";
 
+/// Begins the name of a further light.
+pub const LIGHT: &str = "light-";
+
 /// A picture that has tiles.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 enum Picture {
-    Artifact(StackArtifact, Colours),
+    /// The name of its file.
+    Artifact(String, Colours),
     /// Index in the order of fusion.
     Slice(usize),
 }
@@ -51,16 +56,18 @@ impl Picture {
             // one name per slice: no sign, no leading zeros
             return index.parse().ok().filter(|number: &usize| number.to_string() == index).map(Self::Slice);
         }
-        let artifact = StackArtifact::of_name(name)?;
-        let (_, colours) = artifact.layer()?;
-        Some(Self::Artifact(artifact, colours))
+        if let Some(light) = name.strip_prefix(LIGHT) {
+            return Some(Self::Artifact(light_name(light), Colours::Plain));
+        }
+        let (_, colours) = StackArtifact::of_name(name)?.layer()?;
+        Some(Self::Artifact(name.to_owned(), colours))
     }
 
     /// The file with all levels, made at the first request.
     async fn pyramid(self, app: &App, job: &Job) -> ApiResult<Arc<Converted>> {
         match self {
             Self::Artifact(artifact, colours) => {
-                let stored = outcome::artifact(job, artifact.name())?;
+                let stored = outcome::artifact(job, &artifact)?;
                 if app.conversions.kept(&stored.sha256, Form::Pyramid(colours)).is_none() {
                     // refuses a damaged file
                     drop(download::stored(app, job, stored, String::new()).await?);
@@ -106,9 +113,9 @@ pub async fn get(
     let id = Uuid::parse_str(&id).map_err(|_| none())?;
     let picture = Picture::of_name(&artifact).ok_or_else(none)?;
     let job = load(&app, id, JobKind::Stack).await?;
-    let version = match picture {
-        Picture::Artifact(artifact, _) => &outcome::artifact(&job, artifact.name())?.sha256,
-        Picture::Slice(index) if index < slices_shown(&app, &job) => &artifact,
+    let version = match &picture {
+        Picture::Artifact(artifact, _) => &outcome::artifact(&job, artifact)?.sha256,
+        Picture::Slice(index) if *index < slices_shown(&app, &job) => &artifact,
         Picture::Slice(_) => return Err(none()),
     };
     let tag = format!("{version}-tile-{}", env!("CARGO_PKG_VERSION"));

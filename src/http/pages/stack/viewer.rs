@@ -3,9 +3,12 @@
 use maud::{Markup, html};
 use serde::Serialize;
 
-use super::tiles::SLICE;
+use super::tiles::{LIGHT, SLICE};
 use crate::{
-    contract::{artifact::StackArtifact, outcome::StackOutcome},
+    contract::{
+        artifact::{StackArtifact, light_of},
+        outcome::{Artifact, StackOutcome},
+    },
     http::{
         artifacts::outcome::of_stack,
         pages::{stacks::row::name, words::text},
@@ -34,17 +37,31 @@ struct Scene {
 }
 
 fn layers(job: &Job, outcome: &StackOutcome, prefix: &str) -> Vec<Layer> {
-    let layer = |artifact: StackArtifact| {
-        let ((named, _), stored) = artifact.layer().zip(artifact.among(&outcome.artifacts))?;
-        Some(Layer {
-            name: format!("{prefix}{named}"),
-            tiles: link!("/stacks/{}/tiles/{}", job.id, artifact.name()),
-            version: stored.sha256.chars().take(12).collect(),
-            width: outcome.image.width,
-            height: outcome.image.height,
-        })
+    let layer = |named: &str, tiles: &str, stored: &Artifact| Layer {
+        name: format!("{prefix}{named}"),
+        tiles: link!("/stacks/{}/tiles/{tiles}", job.id),
+        version: stored.sha256.chars().take(12).collect(),
+        width: outcome.image.width,
+        height: outcome.image.height,
     };
-    StackArtifact::ALL.into_iter().filter_map(layer).collect()
+    let files = &outcome.artifacts;
+    let of_artifact = |artifact: StackArtifact| {
+        let ((named, _), stored) = artifact.layer().zip(artifact.among(files))?;
+        Some((artifact, layer(named, artifact.name(), stored)))
+    };
+    let of_light = |stored: &Artifact| {
+        let light = light_of(&stored.name)?;
+        Some(layer(&format!("Light {light}"), &format!("{LIGHT}{light}"), stored))
+    };
+    let mut lights: Vec<Layer> = files.iter().filter_map(of_light).collect();
+    let mut all = Vec::new();
+    for (artifact, layer) in StackArtifact::ALL.into_iter().filter_map(of_artifact) {
+        all.push(layer);
+        if artifact == StackArtifact::Image {
+            all.append(&mut lights);
+        }
+    }
+    all
 }
 
 /// The slices of a stack, warped to the reference slice, from the one that is fused first.

@@ -8,6 +8,7 @@ use crate::imaging::Plane;
 use crate::fusion::UNCOVERED;
 
 /// Per pixel, the slice it is taken from.
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct DecisionMap {
     /// 0-based index of the slice; [`UNCOVERED`] where no slice covers the canvas. Shared with the result of the first
     /// pass, whose index it replaces.

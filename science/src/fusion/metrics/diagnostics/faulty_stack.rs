@@ -28,7 +28,8 @@ impl Stack {
     }
 
     pub(super) fn fused(&self, masked: bool) -> Fused {
-        let request = FusionRequest { metrics: true, object: masked.then_some(&self.object), shown: None };
+        let request =
+            FusionRequest { metrics: true, object: masked.then_some(&self.object), shown: None, decision: false };
         fuse(&&self.slices[..], &self.plan, &request, &std::env::temp_dir(), &NoControl).unwrap()
     }
 
