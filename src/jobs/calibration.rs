@@ -1,6 +1,7 @@
-//! The calibration job: reads the archive of a dot target, calibrates, and writes one overlay per slice and the report.
+//! The calibration job: reads the archive of a dot target or of stacks, calibrates, and writes one overlay per slice
+//! and the report.
 
-use crate::contract::JobError;
+use crate::contract::{Code, Fault, JobError};
 use std::sync::{
     Arc,
     atomic::{AtomicUsize, Ordering},
@@ -24,10 +25,14 @@ use crate::{
     store::ProfileDraft,
 };
 use pinstack_science::{
-    archive::{self, ArchiveLimits},
+    archive::{self, ArchiveLimits, StackArchive},
     calibration::{self, Calibration},
     imaging::{Slices, codec::Metadata},
-    types::{Control, Warning, WarningCode, calibration_options::Keep, profile::ProfileInput},
+    types::{
+        Control, Error, ErrorKind, Interrupted, Warning, WarningCode,
+        calibration_options::{CalibrationOptions, CalibrationSource, Keep},
+        profile::ProfileInput,
+    },
 };
 
 /// Stages of the measurement with their weights.
@@ -50,13 +55,40 @@ pub fn run(
 ) -> Result<JobOutput, JobError> {
     let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
-    let archive = archive::open_shared(Arc::clone(&context.archive), limits)?;
+    let zip = Arc::clone(&context.archive);
+    let stacks = match request.options.source {
+        CalibrationSource::DotTarget => vec![archive::open_shared(zip, limits)?],
+        CalibrationSource::Stacks => archive::open_stacks(zip, limits)?,
+    };
     reading.progress("reading", 1, 1);
+    measure(context, request, &stacks, sink)
+}
 
+/// Runs the job on archives that are open: that of a dot target, or those of stacks of one rig.
+///
+/// # Errors
+/// As [`run`].
+pub fn measure(
+    context: &JobContext,
+    request: &CalibrationRequest,
+    stacks: &[StackArchive],
+    sink: &dyn ProgressSink,
+) -> Result<JobOutput, JobError> {
+    let none = || Fault::new(Code::InvalidArchive, "there is no stack to calibrate from; add its slices");
+    let archive = stacks.first().ok_or_else(none)?;
     let control = Phase::new(sink, &MEASURING, READ, MEASURED);
     let slices = ThumbnailingSlices::new(archive.front(), &context.scratch);
-    let moved: Option<&dyn Slices> = (archive.moved().count() > 0).then_some(archive.moved() as _);
-    let measured = calibration::calibrate_with_moved(&slices, moved, &request.options, &control)?;
+    let measured = match request.options.source {
+        CalibrationSource::DotTarget => {
+            let moved: Option<&dyn Slices> = (archive.moved().count() > 0).then_some(archive.moved() as _);
+            calibration::calibrate_with_moved(&slices, moved, &request.options, &control)?
+        }
+        CalibrationSource::Stacks => {
+            let others = stacks.iter().skip(1).map(|stack| stack.front() as &dyn Slices);
+            let views: Vec<&dyn Slices> = std::iter::once(&slices as &dyn Slices).chain(others).collect();
+            by_stacks(&views, &request.options, &control)?
+        }
+    };
     let input = profile_input(&measured, request, archive.layout().orientation);
     input.check()?;
 
@@ -76,7 +108,12 @@ pub fn run(
         origin: None,
         warnings: Vec::new(),
     });
-    let mut warnings = archive.warnings().to_vec();
+    let mut warnings = Vec::new();
+    for warning in stacks.iter().flat_map(|stack| stack.warnings()) {
+        if !warnings.contains(warning) {
+            warnings.push(warning.clone());
+        }
+    }
     if draft.is_none() {
         warnings.push(Warning::new(WarningCode::ProfileNotKept, not_kept(keep)));
     }
@@ -95,6 +132,15 @@ pub fn run(
         grade: Some(measured.report.grade),
     });
     Ok(JobOutput { outcome, warnings, profile: draft.map(Box::new), files })
+}
+
+/// Calibrates from stacks of objects.
+fn by_stacks(
+    _views: &[&dyn Slices],
+    _options: &CalibrationOptions,
+    _control: &dyn Control,
+) -> Result<Calibration, Interrupted> {
+    Err(Error::new(ErrorKind::InvalidParameter, "calibration by stacks is not available yet").into())
 }
 
 /// Why the profile has no new revision.
