@@ -7,13 +7,17 @@ use std::fmt::Debug;
 
 use clap::{Arg, ArgMatches, Args, Command, Error, FromArgMatches, error::ErrorKind};
 use serde::de::DeserializeOwned;
-use utoipa::PartialSchema;
+use serde_json::Value;
+use utoipa::{
+    ToSchema,
+    openapi::{RefOr, Schema},
+};
 
 use crate::{contract::options::StackOptions, http::extract::params};
 use pinstack_science::types::calibration_options::CalibrationOptions;
 
 /// Options of the API that commands offer.
-pub(super) trait Offered: PartialSchema + DeserializeOwned {
+pub(super) trait Offered: ToSchema + DeserializeOwned {
     /// Their heading in the help.
     const HEADING: &'static str;
     /// Those that have no meaning without a server.
@@ -37,11 +41,26 @@ pub(super) struct OptionFlags<O>(pub O);
 
 /// Name and help of each option.
 fn offered<O: Offered>() -> Vec<(String, String)> {
-    let schema = serde_json::to_value(O::schema()).unwrap_or_default();
+    let json = |schema: &RefOr<Schema>| serde_json::to_value(schema).unwrap_or_default();
+    let mut named = Vec::new();
+    O::schemas(&mut named);
+    let help = |of: &Value| {
+        // an optional enumeration is a choice between a reference and null
+        let choices = of["oneOf"].as_array().into_iter().flatten();
+        let of = choices.into_iter().find(|choice| choice.get("$ref").is_some()).unwrap_or(of);
+        let described = of["description"].as_str().unwrap_or_default();
+        let kind = of["$ref"].as_str().and_then(|kind| kind.rsplit('/').next()).unwrap_or_default();
+        let schema = named.iter().find(|(name, _)| name == kind).map(|(_, schema)| json(schema)).unwrap_or_default();
+        let values = schema["enum"].as_array().into_iter().flatten().filter_map(Value::as_str);
+        // most descriptions have them
+        let values: Vec<&str> = values.filter(|value| !described.contains(&format!("`{value}`"))).collect();
+        let values = if values.is_empty() { String::new() } else { format!(" [{}]", values.join(", ")) };
+        described.replace('\n', " ").replace('`', "") + &values
+    };
+    let schema = json(&O::schema());
     let properties = schema["properties"].as_object().into_iter().flatten();
     let offered = properties.filter(|(name, _)| !O::LEFT_OUT.contains(&name.as_str()));
-    let help = |text: &str| text.replace('\n', " ").replace('`', "");
-    offered.map(|(name, of)| (name.clone(), help(of["description"].as_str().unwrap_or_default()))).collect()
+    offered.map(|(name, of)| (name.clone(), help(of))).collect()
 }
 
 impl<O: Offered> Args for OptionFlags<O> {
@@ -94,6 +113,8 @@ mod tests {
         for (name, help) in offered::<StackOptions>().into_iter().chain(offered::<CalibrationOptions>()) {
             assert!(help.len() > 10 && !help.contains('`'), "{name}: {help}");
         }
+        let format = offered::<StackOptions>().into_iter().find(|(name, _)| name == "format").expect("an option").1;
+        assert_eq!(format, "File format of the image. [png, tiff, jpeg]");
         let names = offered::<StackOptions>().into_iter().map(|(name, _)| name).collect::<Vec<_>>();
         assert!(names.len() > 20 && names.contains(&"mask_threshold".to_owned()), "{names:?}");
         for left_out in StackOptions::LEFT_OUT {

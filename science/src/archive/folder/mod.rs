@@ -10,7 +10,7 @@
 //! replacement characters.
 
 mod file;
-mod zip;
+mod virtual_zip;
 
 use std::{
     fs,
@@ -30,10 +30,10 @@ use crate::{
     types::{Control, Error, ErrorKind, Interrupted},
 };
 
-pub use zip::FolderZip;
+pub use virtual_zip::FolderZip;
 
 use file::{FolderFile, Stamp, unreadable};
-use zip::{Member, Source};
+use virtual_zip::{Member, Source};
 
 /// Folders within folders, at most.
 const DEEPEST: usize = 64;

@@ -178,7 +178,8 @@ fn folders_of_views_are_told_from_those_of_one_stack() {
         (["front/a/1.png", "front/b/1.png"], true),
         (["front/a/1.png", "back/a/1.png"], false),
     ] {
-        let listed = Folder::list(folder(&names).path()).unwrap();
+        let folder = folder(&names);
+        let listed = Folder::list(folder.path()).unwrap();
         assert_eq!(holds_scan(Arc::new(listed.names()), &ArchiveLimits::scan()).unwrap(), is_scan, "{names:?}");
     }
 }
