@@ -1,7 +1,7 @@
 //! The options of the API as flags: names and help are those of its schema, so they exist once.
 //!
-//! In: a type of options. Out: a flag per option, `mask_threshold` as `--mask-threshold`, whose text is read as the query
-//! parameter is.
+//! In: a type of options. Out: a flag per option, `mask_threshold` as `--mask-threshold`, whose text is read as the
+//! query parameter is.
 
 use std::fmt::Debug;
 

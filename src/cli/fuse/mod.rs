@@ -37,9 +37,9 @@ const EXIT: &str = "Exit code: 0 when every stack was fused, also with warnings;
 /// Fuse the stacks in folders on this machine, without a server
 ///
 /// A folder, or a zip of it, is a stack: front-lit slices in front/ or in the folder itself, back-lit slices in back/.
-/// A folder with one folder per view is a scan; names with angles (pan020_tilt15) are read. Image, mask, depth, metrics,
-/// preview, profile and a summary are written to FOLDER-fused/; with several folders to fused/ beside the first, a folder
-/// per stack, with a contact sheet.
+/// A folder with one folder per view is a scan; names with angles (pan020_tilt15) are read. Image, mask, depth,
+/// metrics, preview, profile and a summary are written to FOLDER-fused/; with several folders to fused/ beside the
+/// first, a folder per stack, with a contact sheet.
 #[derive(Debug, Args)]
 #[command(after_help = EXIT)]
 pub struct Fuse {

@@ -31,7 +31,8 @@ pub(super) struct Output {
 }
 
 impl Output {
-    /// Makes the folder `out`; by default `FOLDER-fused` beside the only input, and `fused` beside the first of several.
+    /// Makes the folder `out`; by default `FOLDER-fused` beside the only input, and `fused` beside the first of
+    /// several.
     ///
     /// # Errors
     /// When it has files already and they are not to be replaced, is in one of the `inputs`, or cannot be made.

@@ -32,7 +32,8 @@ pub struct CalibrationForm {
 ///
 /// The body is a zip with one image of the dot target per rail position, as the whole body or as the part `stack` of a
 /// form. With `source=stacks` it is a zip of an ordinary stack, or of all views of a scan in the layout of
-/// `PUT /v1/scans/{scan}/archive`: the slices are then aligned by what they show. When the calibration succeeds, its homographies and gains become the next revision of the profile.
+/// `PUT /v1/scans/{scan}/archive`: the slices are then aligned by what they show. When the calibration succeeds, its
+/// homographies and gains become the next revision of the profile.
 ///
 /// A folder `moved` of the zip has one image of the same target after it was moved by `target_advance_mm`, with the
 /// rail where it was for the reference slice, or one per rail position. It measures the principal distance whatever

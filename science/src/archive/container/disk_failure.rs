@@ -7,8 +7,8 @@ use std::{
 
 use crate::types::{Error, ErrorKind};
 
-/// What is said of that error, if there was one. All clones share it, and it stays: a thread that succeeds must not hide
-/// it from the one that failed.
+/// What is said of that error, if there was one. All clones share it, and it stays: a thread that succeeds must not
+/// hide it from the one that failed.
 #[derive(Clone, Default)]
 pub(super) struct DiskFailure(Arc<OnceLock<Error>>);
 

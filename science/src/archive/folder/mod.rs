@@ -2,9 +2,9 @@
 //! sentences.
 //!
 //! In: the path of a folder, as the person gave it. Out: a [`FolderZip`] for [`open_shared`](super::open_shared), or of
-//! each view of a [`ScanArchive`](super::ScanArchive). Its headers are made in memory; the bytes of members are those of
-//! the files, read by offset. Every picture is read once beforehand, for its CRC-32. A file that changes afterwards is an
-//! error that names it.
+//! each view of a [`ScanArchive`](super::ScanArchive). Its headers are made in memory; the bytes of members are those
+//! of the files, read by offset. Every picture is read once beforehand, for its CRC-32. A file that changes afterwards
+//! is an error that names it.
 //!
 //! Links are followed. Folders and files that systems add are skipped, as in a zip. Names that are not UTF-8 have
 //! replacement characters.
