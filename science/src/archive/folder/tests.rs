@@ -81,9 +81,8 @@ fn a_file_that_changes_or_disappears_while_it_is_read_is_named() {
     let folder = folder(&["1.png", "2.png", "3.png"]);
     let stack = opened(folder.path());
     let [first, second] = ["1.png", "2.png"].map(|name| folder.path().join(name));
-    // the same size, later
-    let file = File::options().write(true).open(&first).unwrap();
-    file.set_modified(std::time::SystemTime::UNIX_EPOCH).unwrap();
+    // another program is still writing it
+    fs::write(&first, [png(0), b"more".to_vec()].concat()).unwrap();
     let changed = stack.front().load(0).unwrap_err().detail;
     assert!(changed.starts_with(&format!("{} was changed while it was read", first.display())), "{changed}");
     let stack = opened(folder.path());
@@ -92,7 +91,7 @@ fn a_file_that_changes_or_disappears_while_it_is_read_is_named() {
     // it may still be open
     assert!(gone.is_ok() || gone.unwrap_err().detail.starts_with(&format!("cannot read {}", second.display())));
     let listed = Folder::list(folder.path()).unwrap();
-    fs::write(&first, png(9)).unwrap();
+    fs::write(&first, "torn").unwrap();
     let error = listed.zip(&NoControl).unwrap_err();
     assert!(matches!(error, Interrupted::Failed(error) if error.detail.contains("1.png was changed")));
 }
