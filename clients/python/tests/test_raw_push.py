@@ -67,9 +67,9 @@ class Sending:
         journal = Journal(self.at)
         transport = httpx.MockTransport(succeeds(self.uploads))
         try:
-            with Client("http://rig", retry=Retry(attempts=2, first_s=0.0), transport=transport) as sender:
-                # a piece is smaller than a slice
-                sender._operations.piece_bytes = 700
+            # a piece is smaller than a slice
+            retry = Retry(attempts=2, first_s=0.0)
+            with Client("http://rig", retry=retry, piece_bytes=700, transport=transport) as sender:
                 results = self.at.parent / "results"
                 return Sender(sender, journal, self.settings, results, step or self.step, SITE).send(self.stack)
         finally:
