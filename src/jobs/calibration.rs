@@ -29,14 +29,16 @@ use pinstack_science::{
     calibration::{self, Calibration},
     imaging::{Slices, codec::Metadata},
     types::{
-        Control, Error, ErrorKind, Interrupted, Warning, WarningCode,
-        calibration_options::{CalibrationOptions, CalibrationSource, Keep},
+        Control, Warning, WarningCode,
+        calibration_options::{CalibrationSource, Keep},
         profile::ProfileInput,
     },
 };
 
 /// Stages of the measurement with their weights.
 const MEASURING: [Stage; 1] = [("detecting", 1.0)];
+/// The same of a calibration by stacks.
+const REGISTERING: [Stage; 1] = [("registering", 1.0)];
 /// Progress, as a fraction of the job, at which reading ends and the measurement begins.
 const READ: f64 = 0.02;
 /// Progress at which the measurement ends and writing begins.
@@ -76,7 +78,11 @@ pub fn measure(
 ) -> Result<JobOutput, JobError> {
     let none = || Fault::new(Code::InvalidArchive, "there is no stack to calibrate from; add its slices");
     let archive = stacks.first().ok_or_else(none)?;
-    let control = Phase::new(sink, &MEASURING, READ, MEASURED);
+    let stages = match request.options.source {
+        CalibrationSource::DotTarget => &MEASURING,
+        CalibrationSource::Stacks => &REGISTERING,
+    };
+    let control = Phase::new(sink, stages, READ, MEASURED);
     let slices = ThumbnailingSlices::new(archive.front(), &context.scratch);
     let measured = match request.options.source {
         CalibrationSource::DotTarget => {
@@ -86,7 +92,7 @@ pub fn measure(
         CalibrationSource::Stacks => {
             let others = stacks.iter().skip(1).map(|stack| stack.front() as &dyn Slices);
             let views: Vec<&dyn Slices> = std::iter::once(&slices as &dyn Slices).chain(others).collect();
-            by_stacks(&views, &request.options, &control)?
+            calibration::calibrate_by_stacks(&views, &request.options, &control)?
         }
     };
     let input = profile_input(&measured, request, archive.layout().orientation);
@@ -132,15 +138,6 @@ pub fn measure(
         grade: Some(measured.report.grade),
     });
     Ok(JobOutput { outcome, warnings, profile: draft.map(Box::new), files })
-}
-
-/// Calibrates from stacks of objects.
-fn by_stacks(
-    _views: &[&dyn Slices],
-    _options: &CalibrationOptions,
-    _control: &dyn Control,
-) -> Result<Calibration, Interrupted> {
-    Err(Error::new(ErrorKind::InvalidParameter, "calibration by stacks is not available yet").into())
 }
 
 /// Why the profile has no new revision.

@@ -86,6 +86,11 @@ impl Frame {
         [0, 1].map(|a| (p[a] - self.centre[a]) / self.half)
     }
 
+    /// Units to pixels.
+    pub(super) fn pixel(&self, p: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|a| p[a] * self.half + self.centre[a])
+    }
+
     /// The homography slice px -> reference px: the inverse of the transform with these parameters.
     pub(super) fn homography(&self, p: &Parameters) -> Option<Homography> {
         let map = Matrix3::new(1.0 + p[0], p[1], p[2], p[3], 1.0 + p[4], p[5], p[6], p[7], 1.0);
@@ -236,6 +241,13 @@ fn block_jackknife(model: TransformModel, matches: &[Match], free: &DVector<f64>
 pub(super) fn map_point(p: &Parameters, [x, y]: [f64; 2]) -> [f64; 2] {
     let w = p[6] * x + p[7] * y + 1.0;
     [((1.0 + p[0]) * x + p[1] * y + p[2]) / w, (p[3] * x + (1.0 + p[4]) * y + p[5]) / w]
+}
+
+/// Derivatives of [`map_point`] with respect to the point, one row per coordinate.
+pub(super) fn derivatives(p: &Parameters, at: [f64; 2]) -> [[f64; 2]; 2] {
+    let w = p[6] * at[0] + p[7] * at[1] + 1.0;
+    let [u, v] = map_point(p, at);
+    [[(1.0 + p[0] - u * p[6]) / w, (p[1] - u * p[7]) / w], [(p[3] - v * p[6]) / w, (1.0 + p[4] - v * p[7]) / w]]
 }
 
 /// Jacobian of [`map_point`] with respect to the eight parameters, one row per coordinate.
