@@ -243,13 +243,6 @@ pub(super) fn map_point(p: &Parameters, [x, y]: [f64; 2]) -> [f64; 2] {
     [((1.0 + p[0]) * x + p[1] * y + p[2]) / w, (p[3] * x + (1.0 + p[4]) * y + p[5]) / w]
 }
 
-/// Derivatives of [`map_point`] with respect to the point, one row per coordinate.
-pub(super) fn derivatives(p: &Parameters, at: [f64; 2]) -> [[f64; 2]; 2] {
-    let w = p[6] * at[0] + p[7] * at[1] + 1.0;
-    let [u, v] = map_point(p, at);
-    [[(1.0 + p[0] - u * p[6]) / w, (p[1] - u * p[7]) / w], [(p[3] - v * p[6]) / w, (1.0 + p[4] - v * p[7]) / w]]
-}
-
 /// Jacobian of [`map_point`] with respect to the eight parameters, one row per coordinate.
 pub(super) fn jacobian(p: &Parameters, at: [f64; 2]) -> [Parameters; 2] {
     let [x, y] = at;

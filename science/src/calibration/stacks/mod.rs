@@ -8,24 +8,28 @@
 //! | pictures | `picture` | fine detail of each slice at several resolutions |
 //! | registration | `view`, `pair`, `window` | windows that slices 1, 2, 3, 5 and 8 apart share, each with its covariance |
 //! | focus | `perspective` | where each window is in focus; what is far from it counts little |
-//! | geometry | `network`, `banded` | one fit of all transforms to all windows of all views, under three models |
+//! | geometry | `network`, `model`, `normal`, `banded`, `transform` | one fit of all transforms to all windows |
 //! | brightness | `gains` | the gains that follow from neighbouring slices |
 //! | report | `report` | uncertainties, capture mode, camera, verdict |
 //!
-//! A stack shows a place sharply in few slices only, so errors of neighbours add up along the stack. Growth and rotation
-//! by the rail ([`network::NetworkModel::FreeShifts`]) keep them small; what is left is included in the stated standard
-//! deviations, and no calibration by stacks is graded better than usable. The method is described in `docs/METHOD.md`.
+//! A stack shows a place sharply in few slices only, so errors of neighbours add up along the stack. Growth and
+//! rotation by the rail ([`model::NetworkModel::FreeShifts`]) keep them small. What is left is included in the stated
+//! standard deviations, and no calibration by stacks is graded better than usable. The method is described in
+//! `docs/METHOD.md`.
 
 mod banded;
 mod gains;
 mod matched;
+mod model;
 mod network;
+mod normal;
 mod pair;
 mod perspective;
 mod picture;
 mod report;
 #[cfg(test)]
 mod tests;
+mod transform;
 mod view;
 mod window;
 
@@ -35,7 +39,8 @@ use crate::imaging::Slices;
 use crate::types::calibration_options::{CalibrationOptions, ModelChoice};
 use crate::types::{Control, Error, ErrorKind, Interrupted};
 use matched::Pair;
-use network::{GROUPS, MODELS, Network, NetworkFit, NetworkModel};
+use model::{MODELS, NetworkModel};
+use network::{GROUPS, Network, NetworkFit};
 use pair::LEAST_WINDOWS;
 
 /// Most slices that are registered, of all views together: of more views, some are passed over.
@@ -45,7 +50,7 @@ const MANY_VIEWS: usize = 6;
 /// A simpler model is kept up to this factor above the scatter of the most complex one ...
 const SCATTER_TOLERANCE: f64 = 1.15;
 /// ... and if no pair of slices is displaced against it by more than under the most complex one, px.
-const MISFIT_TOLERANCE: f64 = 0.1;
+const MISFIT_TOLERANCE: f64 = 0.05;
 
 /// Most memory that registration takes, bytes: the pictures of slices that are compared, at four thirds of the first
 /// level each and with copies while they are made, and the windows.

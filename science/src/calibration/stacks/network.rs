@@ -5,13 +5,15 @@
 //! slice in focus (`perspective`). A window that lies at `q1` in the first slice of a pair and at `q2` in the second
 //! gives `q2 = T2(T1^-1(q1))`, with its own covariance. Windows that do not agree lose their weight.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector2, Vector3};
+use nalgebra::Vector2;
 
-use super::banded::Banded;
 use super::matched::{Pair, WindowMatch};
+use super::model::NetworkModel;
+use super::normal::{Equation, Normal, Unknowns};
+use super::transform::{matrix, projected, through};
 use crate::calibration::statistics::median;
-use crate::calibration::transform_models::{Frame, Parameters, derivatives, jacobian, map_point};
-use crate::types::{Homography, profile::HomographyModel};
+use crate::calibration::transform_models::{Frame, Parameters, jacobian, map_point};
+use crate::types::Homography;
 
 /// Rounds of the fit.
 const ROUNDS: usize = 14;
@@ -23,71 +25,6 @@ const HALF_WEIGHT: f64 = 2.5;
 const MIN_SCATTER: f64 = 0.05;
 /// Most groups of windows of which each is left out in turn.
 pub(super) const GROUPS: usize = 16;
-
-/// How the transforms of the slices depend on the rail.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum NetworkModel {
-    /// Growth and shift follow the rail.
-    Rail,
-    /// Growth (with a bend) and rotation follow the rail; each slice has a shift of its own.
-    FreeShifts,
-    /// Each slice has scale, rotation and shift of its own.
-    FreeSimilarities,
-}
-
-/// All models, simplest first.
-pub(super) const MODELS: [NetworkModel; 3] =
-    [NetworkModel::Rail, NetworkModel::FreeShifts, NetworkModel::FreeSimilarities];
-
-impl NetworkModel {
-    /// As named in a profile.
-    pub(super) fn name(self) -> HomographyModel {
-        match self {
-            Self::Rail => HomographyModel::RailLinear,
-            Self::FreeShifts | Self::FreeSimilarities => HomographyModel::Similarity,
-        }
-    }
-
-    /// As a phrase for sentences.
-    pub(super) fn phrase(self) -> &'static str {
-        match self {
-            Self::Rail => "the rail law for the whole stack",
-            Self::FreeShifts => "growth and rotation by the rail, and a shift per slice",
-            Self::FreeSimilarities => "scale, rotation and shift per slice",
-        }
-    }
-
-    /// Unknowns of the whole stack.
-    fn shared(self) -> usize {
-        match self {
-            Self::Rail | Self::FreeShifts => 3,
-            Self::FreeSimilarities => 0,
-        }
-    }
-
-    /// Unknowns of each slice but the reference.
-    fn own(self) -> usize {
-        match self {
-            Self::Rail => 0,
-            Self::FreeShifts => 2,
-            Self::FreeSimilarities => 4,
-        }
-    }
-
-    /// The eight parameters of a slice at `z` on the rail as the products of these rows with the unknowns, those of
-    /// the whole stack first.
-    fn rows(self, z: f64) -> Vec<Parameters> {
-        let scale = |by: f64| [by, 0.0, 0.0, 0.0, by, 0.0, 0.0, 0.0];
-        let turn = |by: f64| [0.0, -by, 0.0, by, 0.0, 0.0, 0.0, 0.0];
-        let across = |by: f64| [0.0, 0.0, by, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let down = |by: f64| [0.0, 0.0, 0.0, 0.0, 0.0, by, 0.0, 0.0];
-        match self {
-            Self::Rail => vec![scale(z), across(z), down(z)],
-            Self::FreeShifts => vec![scale(z), scale(z * z), turn(z), across(1.0), down(1.0)],
-            Self::FreeSimilarities => vec![scale(1.0), turn(1.0), across(1.0), down(1.0)],
-        }
-    }
-}
 
 /// The windows and what is known of the stack.
 pub(super) struct Network<'a> {
@@ -128,38 +65,6 @@ pub(super) struct NetworkFit {
     pub free: usize,
 }
 
-/// Normal equations. Unknowns of slices are coupled with neighbours only; those of the whole stack, and the parallax,
-/// with all.
-#[derive(Clone)]
-struct Normal {
-    /// Of the unknowns of slices.
-    matrix: Banded,
-    right: Vec<f64>,
-    /// Per unknown of the whole stack its products with the unknowns of slices.
-    border: Vec<Vec<f64>>,
-    /// Their products with each other.
-    shared: DMatrix<f64>,
-    shared_right: DVector<f64>,
-    /// Weight of all windows.
-    weight: f64,
-}
-
-/// Residual and derivatives of one window.
-struct Equation {
-    residual: Vector2<f64>,
-    /// Unknowns of slices and the derivatives by them.
-    columns: Vec<(usize, Vector2<f64>)>,
-    /// Derivatives by the unknowns of the whole stack; the last is the parallax, if it is asked for.
-    shared: Vec<Vector2<f64>>,
-}
-
-/// Values of all unknowns.
-#[derive(Clone)]
-struct Unknowns {
-    of_slices: Vec<f64>,
-    shared: Vec<f64>,
-}
-
 impl Network<'_> {
     /// Fits `model`, with the parallax if asked for. `None` when the windows do not determine it.
     pub(super) fn fit(&self, model: NetworkModel, with_parallax: bool) -> Option<NetworkFit> {
@@ -167,7 +72,7 @@ impl Network<'_> {
         let mut found = layout.zeros();
         let mut scatter = f64::INFINITY;
         for round in 0..ROUNDS {
-            let mut normal = Normal::zeros(&layout);
+            let mut normal = layout.normal();
             let mut distances = Vec::new();
             self.for_each(&layout, &found, |_, window, equation| {
                 let distance = distance(window, &equation.residual);
@@ -186,7 +91,7 @@ impl Network<'_> {
 
     /// The result, with what leaving out each group of windows in turn changes.
     fn finished(&self, layout: &Layout, found: &Unknowns, scatter: f64) -> Option<NetworkFit> {
-        let mut groups = vec![Normal::zeros(layout); GROUPS];
+        let mut groups = vec![layout.normal(); GROUPS];
         let mut sums = vec![(Vector2::zeros(), 0.0, 0.0); self.pairs.len()];
         let mut agreeing = vec![(0_u32, 0.0); self.offsets.len()];
         let half = self.frame.half;
@@ -275,26 +180,6 @@ impl Network<'_> {
     }
 }
 
-/// How a place in the second slice moves with the parameters of the first slice, with the opposite sign.
-fn through(to: &Parameters, from: &Parameters, base: [f64; 2]) -> [Parameters; 2] {
-    let (d, f) = (derivatives(to, base), derivatives(from, base));
-    let determinant = f[0][0] * f[1][1] - f[0][1] * f[1][0];
-    let inverse = [[f[1][1] / determinant, -f[0][1] / determinant], [-f[1][0] / determinant, f[0][0] / determinant]];
-    let product = [0, 1].map(|r| [0, 1].map(|c| d[r][0] * inverse[0][c] + d[r][1] * inverse[1][c]));
-    let rows = jacobian(from, base);
-    [0, 1].map(|r| std::array::from_fn(|k| product[r][0] * rows[0][k] + product[r][1] * rows[1][k]))
-}
-
-/// A transform as a matrix, units.
-pub(super) fn matrix(p: &Parameters) -> Matrix3<f64> {
-    Matrix3::new(1.0 + p[0], p[1], p[2], p[3], 1.0 + p[4], p[5], p[6], p[7], 1.0)
-}
-
-fn projected(matrix: &Matrix3<f64>, at: [f64; 2]) -> [f64; 2] {
-    let v = matrix * Vector3::new(at[0], at[1], 1.0);
-    [v[0] / v[2], v[1] / v[2]]
-}
-
 /// Length of a residual in standard deviations.
 fn distance(window: &WindowMatch, residual: &Vector2<f64>) -> f64 {
     (residual.transpose() * window.information * residual)[(0, 0)].max(0.0).sqrt()
@@ -331,6 +216,10 @@ impl Layout {
         Unknowns { of_slices: vec![0.0; self.size], shared: vec![0.0; shared] }
     }
 
+    fn normal(&self) -> Normal {
+        Normal::zeros(self.size, self.band, self.zeros().shared.len())
+    }
+
     /// First unknown of a slice; `None` for the reference slice, which has none.
     fn first(&self, network: &Network<'_>, slice: usize) -> Option<usize> {
         let place = slice - usize::from(slice > network.reference);
@@ -364,85 +253,5 @@ impl Layout {
 
     fn all_parameters(&self, network: &Network<'_>, found: &Unknowns) -> Vec<Parameters> {
         (0..network.offsets.len()).map(|slice| self.parameters(network, found, slice)).collect()
-    }
-}
-
-impl Unknowns {
-    fn add(&mut self, step: &Self) {
-        self.of_slices.iter_mut().zip(&step.of_slices).for_each(|(v, step)| *v += step);
-        self.shared.iter_mut().zip(&step.shared).for_each(|(v, step)| *v += step);
-    }
-}
-
-impl Normal {
-    fn zeros(layout: &Layout) -> Self {
-        let shared = layout.zeros().shared.len();
-        Self {
-            matrix: Banded::zeros(layout.size, layout.band),
-            right: vec![0.0; layout.size],
-            border: vec![vec![0.0; layout.size]; shared],
-            shared: DMatrix::zeros(shared, shared),
-            shared_right: DVector::zeros(shared),
-            weight: 0.0,
-        }
-    }
-
-    fn add(&mut self, equation: &Equation, window: &WindowMatch, weight: f64) {
-        let information = window.information * weight;
-        self.weight += weight;
-        for (i, by_i) in &equation.columns {
-            let weighted = information * by_i;
-            self.right[*i] += weighted.dot(&equation.residual);
-            for (j, by_j) in &equation.columns {
-                self.matrix.add(*i, *j, weighted.dot(by_j));
-            }
-        }
-        for (k, by_k) in equation.shared.iter().enumerate() {
-            let weighted = information * by_k;
-            self.shared_right[k] += weighted.dot(&equation.residual);
-            for (i, by_i) in &equation.columns {
-                self.border[k][*i] += weighted.dot(by_i);
-            }
-            for (j, by_j) in equation.shared.iter().enumerate() {
-                self.shared[(k, j)] += weighted.dot(by_j);
-            }
-        }
-    }
-
-    /// The sum with `factor` times others.
-    fn plus(&self, other: &Self, factor: f64) -> Self {
-        let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a + factor * b).collect::<Vec<f64>>();
-        Self {
-            matrix: self.matrix.plus(&other.matrix, factor),
-            right: sum(&self.right, &other.right),
-            border: self.border.iter().zip(&other.border).map(|(a, b)| sum(a, b)).collect(),
-            shared: &self.shared + factor * &other.shared,
-            shared_right: &self.shared_right + factor * &other.shared_right,
-            weight: self.weight + factor * other.weight,
-        }
-    }
-
-    /// Steps of the unknowns; `None` when they are not determined.
-    fn solve(&self) -> Option<Unknowns> {
-        let factor = self.matrix.clone().factor()?;
-        let plain = factor.solve(&self.right);
-        let by_border: Vec<Vec<f64>> = self.border.iter().map(|column| factor.solve(column)).collect();
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let count = self.border.len();
-        let rest = DMatrix::from_fn(count, count, |i, j| self.shared[(i, j)] - dot(&self.border[i], &by_border[j]));
-        let right = DVector::from_fn(count, |i, _| self.shared_right[i] - dot(&self.border[i], &plain));
-        // equal diagonals: the unknowns have different units
-        let scale = DVector::from_fn(count, |i, _| rest[(i, i)].max(0.0).sqrt());
-        if scale.iter().zip(self.shared.diagonal().iter()).any(|(s, d)| !(s * s > 1e-9 * d)) {
-            return None;
-        }
-        let even = DMatrix::from_fn(count, count, |i, j| rest[(i, j)] / (scale[i] * scale[j]));
-        let solved = even.cholesky()?.solve(&right.component_div(&scale));
-        let shared: Vec<f64> = solved.component_div(&scale).iter().copied().collect();
-        let mut of_slices = plain;
-        for (column, value) in by_border.iter().zip(&shared) {
-            of_slices.iter_mut().zip(column).for_each(|(v, by)| *v -= value * by);
-        }
-        Some(Unknowns { of_slices, shared })
     }
 }

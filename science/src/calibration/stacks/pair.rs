@@ -4,8 +4,9 @@ use nalgebra::{DVector, Matrix2};
 
 use super::matched::WindowMatch;
 use super::picture::Picture;
+use super::transform::derivatives;
 use super::window::{HALF, Jacobian, Window};
-use crate::calibration::transform_models::{self, Frame, Match, Parameters, TransformModel, derivatives, map_point};
+use crate::calibration::transform_models::{self, Frame, Match, Parameters, TransformModel, map_point};
 use crate::imaging::Plane;
 
 /// How far the content may have moved between neighbouring slices, as a share of the longer side of the image.

@@ -1,7 +1,7 @@
 //! Whether near and far parts of the object grow alike from slice to slice.
 //!
-//! With a fixed lens the sensor moves, and the image of every point grows about the same centre by the same factor. With
-//! a camera on a rail the entrance pupil moves towards the object, and what is near grows more than what is far. A
+//! With a fixed lens the sensor moves, and the image of every point grows about the same centre by the same factor.
+//! With a camera on a rail the entrance pupil moves towards the object, and what is near grows more than what is far. A
 //! window in focus `d` slices beyond the middle of a pair grows from slice to slice by `g - p g^2 d`, with the growth
 //! `g` of what is in focus: `p` is 0 with a fixed lens, 1 with a moving lens, and between them with a lens that moves
 //! alone.

@@ -1,7 +1,8 @@
 //! The result and the report of a calibration by stacks.
 
 use super::matched::Pair;
-use super::network::{NetworkFit, NetworkModel};
+use super::model::NetworkModel;
+use super::network::NetworkFit;
 use crate::calibration::camera::{self, Known};
 use crate::calibration::capture;
 use crate::calibration::grade::{self, Finding};
@@ -17,7 +18,7 @@ use crate::types::{
 
 /// Standard deviations that leaving out groups finds are multiplied by this: all windows of a stack share errors, such
 /// as blur that spreads over outlines. `cargo bench --bench calibration_stacks` compares with the truth.
-const SHARED_ERRORS: f64 = 3.0;
+const SHARED_ERRORS: f64 = 4.0;
 /// Least standard deviation of an image corner, px: of what no window shows, such as a sensor that is not square to the
 /// rail.
 const LEAST_SIGMA: f64 = 0.1;

@@ -5,10 +5,11 @@ use std::collections::VecDeque;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 
-use super::matched::Pair;
-use super::network;
+use super::matched::{Pair, WindowMatch};
 use super::pair::{Registered, Registration};
 use super::picture::{Cells, Picture};
+use super::transform::{matrix, parameters};
+use crate::calibration::statistics::median;
 use crate::calibration::transform_models::{self, Frame, Match, Parameters, TransformModel};
 use crate::imaging::{Raster, Slices};
 use crate::types::{Control, Error, ErrorKind, Interrupted};
@@ -91,8 +92,7 @@ fn with_earlier(
     // from slice `index - lag`, by the maps of the neighbours between
     let chained = |lag: usize| -> Option<Parameters> {
         let maps = neighbours.get(index.checked_sub(lag)?..)?;
-        let product =
-            maps.iter().try_fold(Matrix3::identity(), |sum, map| Some(network::matrix(map.as_ref()?) * sum))?;
+        let product = maps.iter().try_fold(Matrix3::identity(), |sum, map| Some(matrix(map.as_ref()?) * sum))?;
         Some(parameters(&product))
     };
     let far = LAGS[1..].par_iter().filter_map(|&lag| {
@@ -105,7 +105,7 @@ fn with_earlier(
 
 /// The map of a pair by all its windows.
 fn refined(found: &Registered, frame: &Frame) -> Parameters {
-    let sigma = |w: &super::matched::WindowMatch| (2.0 / w.information.trace()).sqrt();
+    let sigma = |w: &WindowMatch| (2.0 / w.information.trace()).sqrt();
     let matches: Vec<Match> = found
         .windows
         .iter()
@@ -113,11 +113,6 @@ fn refined(found: &Registered, frame: &Frame) -> Parameters {
         .collect();
     let fit = transform_models::fit(TransformModel::Similarity, &matches);
     fit.map_or(found.map, |fit| TransformModel::Similarity.parameters(&fit.free))
-}
-
-fn parameters(m: &Matrix3<f64>) -> Parameters {
-    let m = m / m[(2, 2)];
-    [m[(0, 0)] - 1.0, m[(0, 1)], m[(0, 2)], m[(1, 0)], m[(1, 1)] - 1.0, m[(1, 2)], m[(2, 0)], m[(2, 1)]]
 }
 
 /// Darkest mean of a cell whose brightness counts, grey levels of 255.
@@ -130,8 +125,8 @@ fn brightness(first: &Cells, second: &Cells) -> Option<[f64; 2]> {
     if ratios.len() < 8 {
         return None;
     }
-    let median = crate::calibration::statistics::median(&mut ratios);
-    let mut off: Vec<f64> = ratios.iter().map(|r| (r - median).abs()).collect();
-    let spread = 1.48 * crate::calibration::statistics::median(&mut off);
-    Some([median, (1.25 * spread / (ratios.len() as f64).sqrt()).max(1e-4)])
+    let middle = median(&mut ratios);
+    let mut off: Vec<f64> = ratios.iter().map(|r| (r - middle).abs()).collect();
+    let spread = 1.48 * median(&mut off);
+    Some([middle, (1.25 * spread / (ratios.len() as f64).sqrt()).max(1e-4)])
 }
