@@ -97,7 +97,12 @@ fn run(case: &Case, coded: bool, missing: f64, seed: u64) -> Outcome {
         let ratio = if target.flaws.gamma { 1.0 } else { slice.gain / rig.gain(i) };
         gain = gain.max((ratio - 1.0).abs());
     }
-    Outcome { corner: Some(corner), over_sigma, gain, coded: calibration.report.target.coded }
+    Outcome {
+        corner: Some(corner),
+        over_sigma,
+        gain,
+        coded: calibration.report.target.is_some_and(|target| target.coded),
+    }
 }
 
 fn row(outcomes: &[Outcome]) -> String {

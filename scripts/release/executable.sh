@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes `pinstack push` and `pinstack watch` one program that needs no Python: scripts/release/executable.sh OUT. OUT
+# Makes `pinstack push`, `watch` and `convert` one program that needs no Python: scripts/release/executable.sh OUT. OUT
 # receives pinstack-push-<version>-<system>-<machine>, with .exe on Windows: for the system and machine on which it is
 # made. Needs Python with venv; on Windows run it in the shell of Git.
 set -euo pipefail
@@ -21,7 +21,7 @@ python=python3
 "$python" -m venv "$stage/venv"
 bin=$stage/venv/bin
 [ -d "$bin" ] || bin=$stage/venv/Scripts
-"$bin/python" -m pip install -q --disable-pip-version-check ./clients/python pyinstaller==6.22.3
+"$bin/python" -m pip install -q --disable-pip-version-check "./clients/python[raw]" pyinstaller==6.22.3
 # beside the spec, whose paths are relative to it
 "$bin/pyinstaller" --log-level WARN --distpath "$stage/dist" --workpath "$stage/build" clients/python/pinstack.spec
 name=pinstack-push-$version-$system-$(uname -m)$suffix

@@ -3,18 +3,24 @@
 pub mod access;
 pub mod backup;
 pub mod bundle;
+pub mod calibrate;
 pub mod demo;
 pub mod doctor;
 pub mod files;
+pub mod fuse;
 pub mod gc;
 pub mod health;
+mod local;
 pub mod logging;
+mod memory;
 pub mod openapi;
+mod option_flags;
 pub mod output;
 pub mod plan;
 pub mod poses;
 mod process;
 pub mod serve;
+mod sheet;
 pub mod store;
 pub mod target;
 pub mod tls;
@@ -47,6 +53,8 @@ enum Command {
     Work(Box<Flags>),
     /// Calibrate and fuse a synthetic stack or scan through the service, and compare the results with the truth
     Demo(demo::Demo),
+    Fuse(Box<fuse::Fuse>),
+    Calibrate(Box<calibrate::Calibrate>),
     /// Print the OpenAPI document
     Openapi,
     Token(token::Token),
@@ -72,6 +80,8 @@ pub fn main() -> ExitCode {
         Some(Command::Serve(flags)) => serve::run(*flags),
         Some(Command::Work(flags)) => work::run(*flags),
         Some(Command::Demo(demo)) => demo.run(),
+        Some(Command::Fuse(fuse)) => fuse.run(),
+        Some(Command::Calibrate(calibrate)) => calibrate.run(),
         Some(Command::Openapi) => openapi::run(),
         Some(Command::Doctor(doctor)) => doctor.run(),
         Some(Command::Token(token)) => token.run(),

@@ -24,7 +24,7 @@ impl StopSignals {
     }
 
     /// Waits for the next signal.
-    async fn next(&mut self) {
+    pub(super) async fn next(&mut self) {
         tokio::select! {
             _ = self.terminate.recv() => {}
             _ = self.interrupt.recv() => {}

@@ -1,6 +1,7 @@
-//! The calibration job: reads the archive of a dot target, calibrates, and writes one overlay per slice and the report.
+//! The calibration job: reads the archive of a dot target or of stacks, calibrates, and writes one overlay per slice
+//! and the report.
 
-use crate::contract::JobError;
+use crate::contract::{Code, Fault, JobError};
 use std::sync::{
     Arc,
     atomic::{AtomicUsize, Ordering},
@@ -24,14 +25,20 @@ use crate::{
     store::ProfileDraft,
 };
 use pinstack_science::{
-    archive::{self, ArchiveLimits},
+    archive::{self, ArchiveLimits, StackArchive},
     calibration::{self, Calibration},
     imaging::{Slices, codec::Metadata},
-    types::{Control, Warning, WarningCode, calibration_options::Keep, profile::ProfileInput},
+    types::{
+        Control, Warning, WarningCode,
+        calibration_options::{CalibrationSource, Keep},
+        profile::ProfileInput,
+    },
 };
 
 /// Stages of the measurement with their weights.
 const MEASURING: [Stage; 1] = [("detecting", 1.0)];
+/// The same of a calibration by stacks.
+const REGISTERING: [Stage; 1] = [("registering", 1.0)];
 /// Progress, as a fraction of the job, at which reading ends and the measurement begins.
 const READ: f64 = 0.02;
 /// Progress at which the measurement ends and writing begins.
@@ -50,13 +57,44 @@ pub fn run(
 ) -> Result<JobOutput, JobError> {
     let reading = Phase::new(sink, &[("reading", 1.0)], 0.0, READ);
     reading.progress("reading", 0, 1);
-    let archive = archive::open_shared(Arc::clone(&context.archive), limits)?;
+    let zip = Arc::clone(&context.archive);
+    let stacks = match request.options.source {
+        CalibrationSource::DotTarget => vec![archive::open_shared(zip, limits)?],
+        CalibrationSource::Stacks => archive::open_stacks(zip, limits)?,
+    };
     reading.progress("reading", 1, 1);
+    measure(context, request, &stacks, sink)
+}
 
-    let control = Phase::new(sink, &MEASURING, READ, MEASURED);
+/// Runs the job on archives that are open: that of a dot target, or those of stacks of one rig.
+///
+/// # Errors
+/// As [`run`].
+pub fn measure(
+    context: &JobContext,
+    request: &CalibrationRequest,
+    stacks: &[StackArchive],
+    sink: &dyn ProgressSink,
+) -> Result<JobOutput, JobError> {
+    let none = || Fault::new(Code::InvalidArchive, "there is no stack to calibrate from; add its slices");
+    let archive = stacks.first().ok_or_else(none)?;
+    let stages = match request.options.source {
+        CalibrationSource::DotTarget => &MEASURING,
+        CalibrationSource::Stacks => &REGISTERING,
+    };
+    let control = Phase::new(sink, stages, READ, MEASURED);
     let slices = ThumbnailingSlices::new(archive.front(), &context.scratch);
-    let moved: Option<&dyn Slices> = (archive.moved().count() > 0).then_some(archive.moved() as _);
-    let measured = calibration::calibrate_with_moved(&slices, moved, &request.options, &control)?;
+    let measured = match request.options.source {
+        CalibrationSource::DotTarget => {
+            let moved: Option<&dyn Slices> = (archive.moved().count() > 0).then_some(archive.moved() as _);
+            calibration::calibrate_with_moved(&slices, moved, &request.options, &control)?
+        }
+        CalibrationSource::Stacks => {
+            let others = stacks.iter().skip(1).map(|stack| stack.front() as &dyn Slices);
+            let views: Vec<&dyn Slices> = std::iter::once(&slices as &dyn Slices).chain(others).collect();
+            calibration::calibrate_by_stacks(&views, &request.options, &control)?
+        }
+    };
     let input = profile_input(&measured, request, archive.layout().orientation);
     input.check()?;
 
@@ -76,7 +114,12 @@ pub fn run(
         origin: None,
         warnings: Vec::new(),
     });
-    let mut warnings = archive.warnings().to_vec();
+    let mut warnings = Vec::new();
+    for warning in stacks.iter().flat_map(|stack| stack.warnings()) {
+        if !warnings.contains(warning) {
+            warnings.push(warning.clone());
+        }
+    }
     if draft.is_none() {
         warnings.push(Warning::new(WarningCode::ProfileNotKept, not_kept(keep)));
     }

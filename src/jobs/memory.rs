@@ -6,10 +6,10 @@ use crate::contract::{
     request::{CalibrationRequest, JobRequest, StackRequest},
 };
 use pinstack_science::{
-    calibration::{MAX_SAMPLES, SLICE_BYTES},
+    calibration::{MAX_SAMPLES, SLICE_BYTES, STACKS_BYTES},
     fusion::{self, Decision, Plan, height::axis::HeightAxis},
     imaging::Depth,
-    types::{mask_options::MaskEdge, stack_layout::StackLayout},
+    types::{calibration_options::CalibrationSource, mask_options::MaskEdge, stack_layout::StackLayout},
 };
 
 /// Constant part: the directory of the archive, codecs, thread stacks.
@@ -91,7 +91,11 @@ fn calibration(request: &CalibrationRequest, threads: usize) -> u64 {
     let planes = samples * in_flight * (6 * 4 + 4 + 8);
     let kept = (SLICE_BYTES as u64).saturating_mul((layout.front.len() + layout.moved.len()) as u64);
     let decoding = pixels(layout).saturating_mul(in_flight * decoded);
-    decoding.saturating_add(planes).saturating_add(kept).saturating_add(files(layout, slices))
+    let kept = match request.options.source {
+        CalibrationSource::DotTarget => planes.saturating_add(kept),
+        CalibrationSource::Stacks => STACKS_BYTES as u64,
+    };
+    decoding.saturating_add(kept).saturating_add(files(layout, slices))
 }
 
 /// Samples per pixel that decoding a slice with `c` channels holds at most. As in [`Plan::memory_bytes`], these are the

@@ -24,8 +24,11 @@ pub(crate) mod testkit;
 mod threads;
 mod thumbnails;
 
-use crate::contract::{JobError, request::JobRequest};
-use pinstack_science::archive::ArchiveLimits;
+use crate::contract::{
+    JobError,
+    request::{CalibrationRequest, JobRequest},
+};
+use pinstack_science::archive::{ArchiveLimits, StackArchive};
 pub use requested::mask_params;
 pub use runner::{JobContext, JobOutput, JobRunner, OutputFile, ProgressSink, SOFTWARE};
 pub use slice_view::slice_view;
@@ -44,6 +47,22 @@ impl Default for ScienceRunner {
     /// One thread per core.
     fn default() -> Self {
         Self { threads: rayon::current_num_threads(), archive_limits: ArchiveLimits::default() }
+    }
+}
+
+impl ScienceRunner {
+    /// Runs a calibration on archives that are open: that of a dot target, or those of stacks of one rig.
+    ///
+    /// # Errors
+    /// As [`JobRunner::run`].
+    pub fn measure(
+        &self,
+        context: &JobContext,
+        request: &CalibrationRequest,
+        stacks: &[StackArchive],
+        sink: &dyn ProgressSink,
+    ) -> Result<JobOutput, JobError> {
+        with_own_threads(self.threads, || calibration::measure(context, request, stacks, sink))
     }
 }
 

@@ -9,12 +9,11 @@ use std::{
 
 use jiff::Timestamp;
 use tempfile::TempDir;
-use uuid::Uuid;
 
 use super::{JobContext, JobOutput, ProgressSink};
 use crate::{
     contract::{
-        JobState, Name, Progress,
+        Name, Progress,
         options::StackOptions,
         outcome::Artifact,
         profile::{Profile, ProfileSource},
@@ -168,26 +167,8 @@ impl TestJob {
         std::fs::create_dir(&scratch).expect("a scratch folder");
         let layout = archive::open(&path, &ArchiveLimits::default()).expect("a sound zip").layout().clone();
         let upload = Upload { key: String::new(), bytes: archive.len() as u64, sha256: String::new(), filename: None };
-        let job = Job {
-            upload_removed: false,
-            id: Uuid::now_v7(),
-            rig: Name::new("rig").expect("a name"),
-            lens: Name::new("lens").expect("a name"),
-            request: request(upload, layout),
-            state: JobState::Running,
-            progress: Progress::default(),
-            attempt: 1,
-            lease_token: 1,
-            version: 1,
-            created_at: Timestamp::UNIX_EPOCH,
-            started_at: None,
-            finished_at: None,
-            cancel_requested: false,
-            error: None,
-            warnings: vec![],
-            outcome: None,
-            trace: None,
-        };
+        let [rig, lens] = ["rig", "lens"].map(|name| Name::new(name).expect("a name"));
+        let job = Job::unqueued(rig, lens, request(upload, layout), Timestamp::UNIX_EPOCH);
         let archive = Arc::new(File::open(path).expect("the zip"));
         let context = JobContext { job, profile, archive, scratch, started: Instant::now() };
         Self { context, _folder: folder }

@@ -66,6 +66,32 @@ pub struct Job {
     pub trace: Option<String>,
 }
 
+impl Job {
+    /// A job that runs now and that no queue has.
+    pub fn unqueued(rig: Name, lens: Name, request: JobRequest, now: Timestamp) -> Self {
+        Self {
+            id: Uuid::now_v7(),
+            rig,
+            lens,
+            request,
+            state: JobState::Running,
+            progress: Progress::default(),
+            attempt: 1,
+            lease_token: 1,
+            version: 1,
+            created_at: now,
+            started_at: None,
+            finished_at: None,
+            cancel_requested: false,
+            error: None,
+            warnings: Vec::new(),
+            upload_removed: false,
+            outcome: None,
+            trace: None,
+        }
+    }
+}
+
 /// A job that is to be accepted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewJob {

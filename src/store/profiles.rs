@@ -4,9 +4,13 @@
 //! the store after its profile was deleted, because results refer to it.
 
 use async_trait::async_trait;
+use jiff::Timestamp;
 use uuid::Uuid;
 
-use super::{Page, PageRequest, StoreResult};
+use super::{
+    Page, PageRequest, StoreResult,
+    digest::{optics_digest, profile_digest},
+};
 use crate::contract::{
     Name, ProfileSummary,
     profile::{Profile, ProfileOrigin, ProfileSource},
@@ -33,6 +37,29 @@ pub struct ProfileDraft {
     pub origin: Option<ProfileOrigin>,
     /// What was changed in the input when it was accepted.
     pub warnings: Vec<Warning>,
+}
+
+impl ProfileDraft {
+    /// The revision that it becomes.
+    pub fn revision(self, rig: Name, lens: Name, revision: u32, created_at: Timestamp) -> Profile {
+        Profile {
+            rig,
+            lens,
+            revision,
+            digest: profile_digest(&self.input),
+            optics_digest: optics_digest(&self.input),
+            created_at,
+            source: self.source,
+            calibration_id: self.calibration_id,
+            origin: self.origin,
+            model: self.model,
+            warnings: self.warnings,
+            principal_distance_px: self.input.principal_distance_px(),
+            slice_count: u32::try_from(self.input.homographies.len()).unwrap_or(u32::MAX),
+            slices: self.slices,
+            input: self.input,
+        }
+    }
 }
 
 /// Condition of a write on the current revision (`If-Match`, `If-None-Match`).

@@ -13,6 +13,7 @@ mod disk_budget;
 mod doctor;
 mod exposition;
 mod forms;
+mod fuse;
 mod guide;
 mod lifecycle;
 mod lights;

@@ -52,7 +52,7 @@ fn report(shift: f64) -> CalibrationReport {
         verdict: "Good: the image corners are good to 0.10 px".into(),
         grade: Grade::Good,
         findings: vec![Warning::new(WarningCode::ClippedWhite, format!("the white is clipped in {HOSTILE}"))],
-        target: TargetReport {
+        target: Some(TargetReport {
             pitch_px: 5.0,
             pitch_mm: None,
             fill: 0.5,
@@ -63,7 +63,7 @@ fn report(shift: f64) -> CalibrationReport {
             magnification: None,
             coded: false,
             code: None,
-        },
+        }),
         model: HomographyModel::Homography,
         model_reason: "it was the only one".into(),
         candidates: Vec::new(),

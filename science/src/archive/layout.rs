@@ -160,7 +160,7 @@ pub(super) fn split_with_raw(members: Vec<Member>) -> (Split, Vec<(Member, &'sta
 }
 
 /// Strips the folders that enclose all pictures. Returns the stripped prefix too.
-fn unwrapped(pictures: Vec<Member>) -> (Vec<Picture>, String) {
+pub(super) fn unwrapped(pictures: Vec<Member>) -> (Vec<Picture>, String) {
     let folder = |member: &Member, depth: usize| member.folder().split('/').nth(depth).map(folded);
     let mut depth = 0;
     while let Some(first) = pictures.first().and_then(|member| folder(member, depth)).filter(|name| !name.is_empty())

@@ -24,6 +24,7 @@
 mod container;
 mod copies;
 mod counter;
+pub mod folder;
 mod further_lights;
 mod headers;
 mod layout;
@@ -62,11 +63,13 @@ pub use copies::{copied, copies};
 pub use light::Light;
 pub use limits::ArchiveLimits;
 pub use numbering_gaps::skipped;
-pub use scan::{Ignored, ScanArchive, ScanRules, ScanView, open_scan};
+pub use scan::{
+    Ignored, ScanArchive, ScanRules, ScanView, holds_scan, open_first_near, open_scan, open_scan_shared, open_stacks,
+};
 pub use slices::ArchivedSlices;
 
 use container::Container;
-use members::Member;
+use members::{Member, SortedSlices};
 use messages::invalid;
 
 /// A zip whose directory and picture headers are valid, with its slices in order.
@@ -230,6 +233,17 @@ pub fn read_files(
 fn checked(container: Container, limits: &ArchiveLimits, most: u64) -> Result<StackArchive, Error> {
     let mut warnings = Vec::new();
     let sorted = layout::sort(&container, limits, &mut warnings)?;
+    of_slices(container, sorted, limits, most, warnings)
+}
+
+/// The stack of these slices, whose headers are checked. `warnings` are those of their names.
+fn of_slices(
+    container: Container,
+    sorted: SortedSlices,
+    limits: &ArchiveLimits,
+    most: u64,
+    mut warnings: Vec<Warning>,
+) -> Result<StackArchive, Error> {
     let is_listed = sorted.is_listed;
     let front = ArchivedSlices::new(container.clone(), sorted.front, *limits);
     let back = ArchivedSlices::new(container.clone(), sorted.back, *limits);

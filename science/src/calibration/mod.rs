@@ -22,6 +22,8 @@
 //! | lost slices | `lost` | says why a slice was not measured |
 //! | report | `report`, `findings`, `grade`, `capture`, `size_law`, `camera`, `moved_target` | capture mode, camera, findings, grade |
 //!
+//! [`calibrate_by_stacks`] needs no target (`stacks`).
+//!
 //! The stages hand on `detected` (the dots of a slice), `tracked` (all slices) and `result`.
 //!
 //! Each slice is decoded once (twice where the grid was searched for in vain at first). Of its pixels only a
@@ -69,6 +71,7 @@ mod result;
 mod robust;
 mod size_law;
 mod solve;
+mod stacks;
 mod statistics;
 mod surface;
 mod target_check;
@@ -88,6 +91,7 @@ pub use detection::MAX_SAMPLES;
 pub use drift::{NO_MOVEMENT_PX, SMALL_MOVEMENT_PX, drift};
 pub use overlay::overlay;
 pub use result::{Calibration, Dot, DotUse};
+pub use stacks::{STACKS_BYTES, calibrate_by_stacks};
 pub use target_check::dot_target;
 
 use crate::imaging::Slices;

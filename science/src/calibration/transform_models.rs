@@ -86,6 +86,11 @@ impl Frame {
         [0, 1].map(|a| (p[a] - self.centre[a]) / self.half)
     }
 
+    /// Units to pixels.
+    pub(super) fn pixel(&self, p: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|a| p[a] * self.half + self.centre[a])
+    }
+
     /// The homography slice px -> reference px: the inverse of the transform with these parameters.
     pub(super) fn homography(&self, p: &Parameters) -> Option<Homography> {
         let map = Matrix3::new(1.0 + p[0], p[1], p[2], p[3], 1.0 + p[4], p[5], p[6], p[7], 1.0);

@@ -6,6 +6,24 @@ use utoipa::ToSchema;
 use super::capture_mode::CaptureMode;
 use super::report::Grade;
 
+/// What the slices of a calibration show.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CalibrationSource {
+    /// A dot target.
+    #[default]
+    DotTarget,
+    /// Objects: ordinary stacks.
+    Stacks,
+}
+
+impl CalibrationSource {
+    /// True for `dot_target`, the default.
+    pub fn is_dot_target(&self) -> bool {
+        *self == Self::DotTarget
+    }
+}
+
 /// Transform model of a calibration.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
@@ -63,6 +81,10 @@ impl Keep {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CalibrationOptions {
+    /// What the slices show: `dot_target`, or `stacks`: an ordinary stack, or all views of a scan in the layout of
+    /// `PUT /v1/scans/{scan}/archive`.
+    #[serde(skip_serializing_if = "CalibrationSource::is_dot_target")]
+    pub source: CalibrationSource,
     /// 0-based index of the reference slice; default: the middle one.
     pub reference_index: Option<u32>,
     /// Distance between neighbouring dots of the target, mm; with `pixel_pitch_mm` it gives the magnification.

@@ -29,7 +29,7 @@ pub enum ErrorKind {
     InvalidProfile,
     /// A file of camera poses cannot be read, or has no poses.
     InvalidPoses,
-    /// Too few dots, no grid, or a mirrored grid.
+    /// Too few dots, no grid, or a mirrored grid; in stacks of objects, too little detail that slices share.
     TargetNotFound,
     /// The disk that is written to is full, or a limit of its use is exceeded.
     DiskFull,

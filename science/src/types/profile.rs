@@ -20,7 +20,7 @@ pub use super::capture_mode::CaptureMode;
 #[serde(rename_all = "snake_case")]
 pub enum HomographyModel {
     /// One model for the whole stack: from the reference slice to a slice, scale and shift are linear in the rail
-    /// position (three parameters).
+    /// position (three parameters; from stacks of objects rotation too).
     RailLinear,
     /// Scale, rotation and shift per slice (four parameters).
     Similarity,

@@ -24,8 +24,8 @@ pub struct CalibrationReport {
     pub grade: Grade,
     /// Findings; the sentence of each names the slices concerned.
     pub findings: Vec<Warning>,
-    /// The target in the reference slice.
-    pub target: TargetReport,
+    /// The target in the reference slice; null for a calibration from stacks of objects.
+    pub target: Option<TargetReport>,
     /// The transform model of the profile.
     pub model: HomographyModel,
     /// Why this model was selected, in one sentence.

@@ -58,6 +58,7 @@ codes! {
     ViewsDiffer "views_differ"
     BackLightIgnored "back_light_ignored"
     // the calibration
+    CalibratedByStacks "calibrated_by_stacks"
     SliceMissing "slice_missing"
     SliceDoubled "slice_doubled"
     RailStill "rail_still"

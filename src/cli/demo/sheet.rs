@@ -4,9 +4,9 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use maud::{DOCTYPE, PreEscaped, html};
 
 use super::{files::write_png, truth::Score};
+use crate::cli::sheet::{self, Cell};
 use pinstack_science::{
     fusion::height::relief::relief,
     imaging::{Plane, Raster, Samples},
@@ -15,11 +15,6 @@ use pinstack_science::{
 
 /// Its file.
 pub(super) const FILE: &str = "contact-sheet.html";
-
-/// A checkerboard is what transparent pixels show.
-const STYLE: &str = "body{font:14px sans-serif;margin:16px;display:grid;gap:16px;\
-    grid-template-columns:repeat(auto-fill,minmax(380px,1fr))}figure{margin:0}\
-    img{width:100%;background:repeating-conic-gradient(#ddd 0 25%,#fff 0 50%) 0/16px 16px}";
 
 /// Writes the page and its pictures into `out`, where the results are. `height` is the height map.
 pub(super) fn write(out: &Path, rig: &Rig, score: &Score, height: &Raster) -> Result<()> {
@@ -44,19 +39,10 @@ pub(super) fn write(out: &Path, rig: &Rig, score: &Score, height: &Raster) -> Re
         ("mask.png", format!("mask: IoU {:.4}", score.iou)),
         ("relief.png", "height map: shaded relief".to_owned()),
     ];
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head { meta charset="utf-8"; title { "pinstack demo" } style { (PreEscaped(STYLE)) } }
-            body {
-                @for (file, caption) in &cells {
-                    figure { a href=(file) { img src=(file) alt=(caption); } figcaption { (caption) } }
-                }
-            }
-        }
-    };
+    let cells = cells.map(|(file, caption)| Cell { file: file.to_owned(), picture: file.to_owned(), caption });
+    let page = sheet::page("pinstack demo", &cells);
     let path = out.join(FILE);
-    std::fs::write(&path, page.into_string()).with_context(|| format!("cannot write {}", path.display()))
+    std::fs::write(&path, page).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// The values of a height map, which is grey.

@@ -5,7 +5,10 @@ use std::{fs, io, path::Path, time::Duration};
 use tokio::{net::TcpListener, time::timeout};
 
 use super::finding::Finding;
-use crate::{cli::files, settings::Settings};
+use crate::{
+    cli::{files, memory},
+    settings::Settings,
+};
 
 /// How long a server on the address may take to answer.
 const ANSWER: Duration = Duration::from_secs(3);
@@ -82,13 +85,9 @@ pub(super) fn disk(config: &Settings) -> Finding {
 /// Whether the memory of the machine, or of its container, holds the budget of the jobs.
 pub(super) fn memory(config: &Settings) -> Finding {
     let budget = config.memory_mb << 20;
-    let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| meminfo(&text));
-    // the limit of a container, where cgroups are mounted as containers have them
-    let limit = fs::read_to_string("/sys/fs/cgroup/memory.max").ok().and_then(|text| text.trim().parse::<u64>().ok());
-    let Some(most) = machine.into_iter().chain(limit).min() else {
+    let Some((most, whose)) = memory::of_machine() else {
         return Finding::warning("memory", "the memory of this machine is unknown");
     };
-    let whose = if limit == Some(most) { "this container" } else { "this machine" };
     let shown = format!("{whose} has {}, the jobs may take {} (memory_mb)", gib(most), gib(budget));
     if config.workers > 0 && budget > most {
         Finding::problem("memory", format!("{shown}: the system would kill the server; lower memory_mb"))
@@ -97,12 +96,6 @@ pub(super) fn memory(config: &Settings) -> Finding {
     } else {
         Finding::ok("memory", shown)
     }
-}
-
-/// `MemTotal` of `/proc/meminfo`, bytes.
-fn meminfo(text: &str) -> Option<u64> {
-    let line = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
-    line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
 }
 
 /// Whether the limit of open files holds `max_connections`.
@@ -160,15 +153,4 @@ async fn in_use(listen: &str) -> Finding {
 /// A size for people.
 fn gib(bytes: u64) -> String {
     format!("{:.1} GiB", bytes as f64 / f64::from(1 << 30))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_memory_of_the_machine_is_read() {
-        assert_eq!(meminfo("MemFree: 3 kB\nMemTotal:       24576 kB\n"), Some(24_576 * 1024));
-        assert_eq!(meminfo("nothing"), None);
-    }
 }

@@ -16,7 +16,7 @@ use crate::{
 };
 use pinstack_science::types::calibration_options::CalibrationOptions;
 
-/// A dot-target stack as a form.
+/// The slices of a calibration as a form.
 #[derive(Debug, Deserialize, ToSchema)]
 #[allow(dead_code)]
 pub struct CalibrationForm {
@@ -28,10 +28,12 @@ pub struct CalibrationForm {
     stack: Vec<u8>,
 }
 
-/// Calibrate from a dot-target stack
+/// Calibrate from a dot target or from stacks
 ///
 /// The body is a zip with one image of the dot target per rail position, as the whole body or as the part `stack` of a
-/// form. When the calibration succeeds, its homographies and gains become the next revision of the profile.
+/// form. With `source=stacks` it is a zip of an ordinary stack, or of all views of a scan in the layout of
+/// `PUT /v1/scans/{scan}/archive`: the slices are then aligned by what they show. When the calibration succeeds, its
+/// homographies and gains become the next revision of the profile.
 ///
 /// A folder `moved` of the zip has one image of the same target after it was moved by `target_advance_mm`, with the
 /// rail where it was for the reference slice, or one per rail position. It measures the principal distance whatever

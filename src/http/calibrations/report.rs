@@ -18,7 +18,7 @@ use crate::{
         job_resource::load,
         pages::{
             self,
-            calibration_report::{self, Subject},
+            calibration_report::{self, Subject, SubjectProfile},
         },
         profiles::drift,
         views::calibration::ReportView,
@@ -114,7 +114,8 @@ fn answer(form: Form, job: &Job, revision: Option<u32>, bytes: &[u8], drift: Opt
     };
     let ended = job.finished_at.unwrap_or(job.created_at);
     let measured = ended.strftime("%Y-%m-%d %H:%M UTC").to_string();
-    let subject = Subject { rig: job.rig.as_str(), lens: job.lens.as_str(), revision, measured: &measured, note };
+    let profile = SubjectProfile::Stored { rig: job.rig.as_str(), lens: job.lens.as_str(), revision };
+    let subject = Subject { profile, measured: &measured, note };
     let html = calibration_report::page(&subject, &report, drift.as_ref());
     Ok(pages::answer(html, calibration_report::STYLE))
 }

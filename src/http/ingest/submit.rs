@@ -170,7 +170,8 @@ pub async fn checked(
     zip: &OpenBlob,
     upload: Upload,
 ) -> ApiResult<(JobRequest, Vec<Warning>)> {
-    let (layout, mut warnings) = traces::section("inspect archive", inspect(app, zip)).await?;
+    let (layout, mut warnings) =
+        traces::section("inspect archive", inspect(app, zip, submission.may_be_scan())).await?;
     let (request, more_warnings) = submission.to_request(upload, layout)?;
     warnings.extend(more_warnings);
     Ok((request, warnings))
@@ -196,12 +197,13 @@ pub fn refusal(refused: Enqueue, bytes: u64, key: &str) -> ApiError {
     }
 }
 
-/// Reads the directory of a zip and the headers of its images.
-async fn inspect(app: &App, zip: &OpenBlob) -> ApiResult<(StackLayout, Vec<Warning>)> {
+/// Reads the directory of a zip and the headers of its images; of a scan those of the first view.
+async fn inspect(app: &App, zip: &OpenBlob, may_be_scan: bool) -> ApiResult<(StackLayout, Vec<Warning>)> {
     let (limits, bytes) = (app.policy.archive, zip.bytes());
     let inspected = app.inspect(move || -> Result<_, Fault> {
         // the client waits: whatever takes long to check is checked by the job
-        let archive = archive::open_near(bytes, &limits)?;
+        let open = if may_be_scan { archive::open_first_near } else { archive::open_near };
+        let archive = open(bytes, &limits)?;
         Ok((archive.layout().clone(), archive.warnings().to_vec()))
     });
     let inspected = inspected.await?;

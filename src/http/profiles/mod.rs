@@ -12,7 +12,7 @@ pub mod numbers;
 pub mod put;
 pub mod revisions;
 pub mod rig_parameters;
-mod write;
+pub mod write;
 
 use super::{
     ApiError, ApiResult, App,

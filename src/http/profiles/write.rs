@@ -16,7 +16,7 @@ use pinstack_science::types::{
 };
 
 /// The revision to store for numbers that were not measured by this service.
-pub(super) fn draft(input: ProfileInput, model: HomographyModel, warnings: Vec<Warning>) -> ProfileDraft {
+pub fn draft(input: ProfileInput, model: HomographyModel, warnings: Vec<Warning>) -> ProfileDraft {
     ProfileDraft {
         source: ProfileSource::Upload,
         calibration_id: None,

@@ -9,11 +9,7 @@ use serde::de::DeserializeOwned;
 use super::{from_row::from_row, page::Window, time};
 use crate::{
     contract::{Name, ProfileSummary, profile::Profile},
-    store::{
-        Page, ProfileDraft, Skipped, StoreResult,
-        digest::{optics_digest, profile_digest},
-        json,
-    },
+    store::{Page, ProfileDraft, Skipped, StoreResult, json},
 };
 
 /// The revision that a draft becomes.
@@ -24,23 +20,7 @@ pub(in crate::store) fn new_revision(
     draft: &ProfileDraft,
     now_ms: i64,
 ) -> StoreResult<Profile> {
-    Ok(Profile {
-        rig: rig.clone(),
-        lens: lens.clone(),
-        revision,
-        digest: profile_digest(&draft.input),
-        optics_digest: optics_digest(&draft.input),
-        created_at: time(now_ms)?,
-        source: draft.source,
-        calibration_id: draft.calibration_id,
-        origin: draft.origin.clone(),
-        model: draft.model,
-        warnings: draft.warnings.clone(),
-        principal_distance_px: draft.input.principal_distance_px(),
-        slice_count: u32::try_from(draft.input.homographies.len()).unwrap_or(u32::MAX),
-        input: draft.input.clone(),
-        slices: draft.slices.clone(),
-    })
+    Ok(draft.clone().revision(rig.clone(), lens.clone(), revision, time(now_ms)?))
 }
 
 /// The body and the summary of a revision, as JSON.

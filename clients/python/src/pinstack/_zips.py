@@ -170,7 +170,7 @@ class StoredZip(Source):
             if is_sent(path.relative_to(folder)) and on_disk(path).is_file()
         ]
         if not any(is_picture(member.path) for member in members):
-            detail = f"{folder} holds no JPEG, PNG or TIFF pictures; convert camera raw files first"
+            detail = f"{folder} holds no JPEG, PNG or TIFF pictures; for camera raw files use pinstack push or convert"
             raise PinstackError("invalid_source", detail)
         return cls(members, name=f"{folder.resolve().name or 'upload'}.zip")
 
@@ -202,6 +202,10 @@ class StoredZip(Source):
     def content(self) -> str:
         """A text that changes when a name or the content of a file changes. Reads what was not read yet."""
         return _digest((member.name, member.size, self._crc(at)) for at, member in enumerate(self.members))
+
+    def member_bytes(self, index: int) -> bytes:
+        """The content of a member. Raises ``source_changed`` if its file has another size now."""
+        return self._read_data(index, 0, self.members[index].size)
 
     def read(self, offset: int, size: int) -> bytes:
         pieces: List[bytes] = []

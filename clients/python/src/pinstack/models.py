@@ -10,6 +10,9 @@ from typing import Dict, List, Literal, Optional, TypedDict
 from typing_extensions import NotRequired
 
 
+CalibrationSource = Literal["dot_target", "stacks"]
+
+
 CaptureMode = Literal["fixed_lens", "moving_lens", "lens_alone"]
 
 
@@ -192,6 +195,7 @@ class CalibrationOptions(TypedDict):
     rail_positions_mm: NotRequired[Optional[List[float]]]
     rail_step_mm: NotRequired[Optional[float]]
     reference_index: NotRequired[Optional[int]]
+    source: NotRequired[CalibrationSource]
     target_advance_mm: NotRequired[Optional[float]]
     target_pitch_mm: NotRequired[Optional[float]]
 

@@ -46,15 +46,21 @@ mod output;
 mod view;
 
 use std::{
+    collections::BTreeSet,
     io::{Seek, Write},
     path::Path,
+    sync::Arc,
 };
 
-use super::{ArchiveLimits, container::Container, layout};
-use crate::types::{Error, ErrorKind, Warning};
+use super::{
+    ArchiveLimits, Light, NEAR_BYTES, StackArchive, container::Container, layout, members::SortedSlices, moved_target,
+    of_slices, open_near, open_shared,
+};
+use crate::types::{Error, ErrorKind, ReadAt, Warning, text::folded};
 
 pub use names::{NameGrouping, NamedView, group_names};
-pub use view::{Angle, AxisRule, Ignored, ScanRules, ScanView};
+pub(super) use output::MANIFEST;
+pub use view::{Angle, AxisRule, Ignored, ScanRules, ScanView, ViewFiles};
 
 use grouping::Enclosing;
 use view::Group;
@@ -79,7 +85,63 @@ pub struct ScanArchive {
 /// | [`ErrorKind::InvalidImage`] | camera raw files without a picture |
 /// | others | as [`open`](super::open) |
 pub fn open_scan(path: &Path, limits: &ArchiveLimits, rules: &ScanRules) -> Result<ScanArchive, Error> {
-    let container = Container::open_file(path, limits)?;
+    grouped(Container::open_file(path, limits)?, limits, rules)
+}
+
+/// Like [`open_scan`], for a zip that need not be a file on this machine.
+///
+/// # Errors
+/// As [`open_scan`].
+pub fn open_scan_shared(zip: Arc<dyn ReadAt>, limits: &ArchiveLimits, rules: &ScanRules) -> Result<ScanArchive, Error> {
+    grouped(Container::open(zip, limits)?, limits, rules)
+}
+
+/// Whether the pictures of a zip are in several folders that stand for no light, as the views of a scan are. Of a scan
+/// whose file names tell the views apart it is false: that may be one stack.
+///
+/// # Errors
+/// As [`open_scan`] for a zip that cannot be read, and for names that are refused.
+pub fn holds_scan(zip: Arc<dyn ReadAt>, limits: &ArchiveLimits) -> Result<bool, Error> {
+    let container = Container::open(zip, limits)?;
+    let (split, _) = layout::split_with_raw(layout::checked_members(&container, &mut Vec::new())?);
+    let (pictures, _) = layout::unwrapped(moved_target::split(split.pictures)?.0);
+    let view = |inner: &str| {
+        let (folders, _) = inner.rsplit_once('/')?;
+        let names = folders.split('/').filter(|name| Light::of_folder(name).is_none());
+        Some(names.map(folded).collect::<Vec<_>>()).filter(|names| !names.is_empty())
+    };
+    Ok(pictures.iter().filter_map(|picture| view(&picture.inner)).collect::<BTreeSet<_>>().len() > 1)
+}
+
+/// The stack of a zip, or the stacks of the scan that it holds, by [`holds_scan`].
+///
+/// # Errors
+/// As [`open`](super::open) and [`open_scan`].
+pub fn open_stacks(zip: Arc<dyn ReadAt>, limits: &ArchiveLimits) -> Result<Vec<StackArchive>, Error> {
+    match scan_in(&zip, limits)? {
+        Some(scan) => (0..scan.views().len()).map(|index| scan.open_view(index)).collect(),
+        None => Ok(vec![open_shared(zip, limits)?]),
+    }
+}
+
+/// The first of [`open_stacks`], as fast as [`open_near`].
+///
+/// # Errors
+/// As [`open_stacks`].
+pub fn open_first_near(zip: Arc<dyn ReadAt>, limits: &ArchiveLimits) -> Result<StackArchive, Error> {
+    match scan_in(&zip, limits)? {
+        Some(scan) => scan.opened(0, NEAR_BYTES),
+        None => open_near(zip, limits),
+    }
+}
+
+fn scan_in(zip: &Arc<dyn ReadAt>, limits: &ArchiveLimits) -> Result<Option<ScanArchive>, Error> {
+    let limits = ArchiveLimits { max_member_bytes: limits.max_member_bytes, ..ArchiveLimits::scan() };
+    let is_scan = holds_scan(Arc::clone(zip), &limits)?;
+    is_scan.then(|| open_scan_shared(Arc::clone(zip), &limits, &ScanRules::default())).transpose()
+}
+
+fn grouped(container: Container, limits: &ArchiveLimits, rules: &ScanRules) -> Result<ScanArchive, Error> {
     let mut warnings = Vec::new();
     let members = layout::checked_members(&container, &mut warnings)?;
     let split = layout::split(members, &mut warnings)?;
@@ -120,6 +182,41 @@ impl ScanArchive {
         &self.warnings
     }
 
+    /// The members of the zip of view `index`, for a reader that makes it without copying.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Internal`] when there is no such view.
+    pub fn view_files(&self, index: usize) -> Result<ViewFiles, Error> {
+        Ok(self.group(index)?.files())
+    }
+
+    /// The stack of view `index`, read from the scan itself. Names are those in the scan.
+    ///
+    /// # Errors
+    /// As [`open`](super::open) for the slices of this view; [`ErrorKind::Internal`] when there is no such view.
+    pub fn open_view(&self, index: usize) -> Result<StackArchive, Error> {
+        self.opened(index, u64::MAX)
+    }
+
+    fn opened(&self, index: usize, most: u64) -> Result<StackArchive, Error> {
+        let group = self.group(index)?;
+        let is_listed = group.files().manifest.is_some();
+        let sorted = SortedSlices {
+            front: group.front.clone(),
+            back: group.back.clone(),
+            lights: Vec::new(),
+            moved: Vec::new(),
+            is_listed,
+        };
+        let limits = ArchiveLimits { max_total_bytes: ArchiveLimits::default().max_total_bytes, ..self.limits };
+        of_slices(self.container.clone(), sorted, &limits, most, Vec::new())
+    }
+
+    fn group(&self, index: usize) -> Result<&Group, Error> {
+        let missing = || Error::new(ErrorKind::Internal, format!("there is no view {index} in this scan"));
+        self.groups.get(index).ok_or_else(missing)
+    }
+
     /// Writes view `index` as a zip with the folders `front` and `back`. Deflated members are copied with their
     /// compressed bytes where their headers allow it; others are stored. Size and CRC of each member are checked. The
     /// same scan gives the same bytes.
@@ -129,8 +226,7 @@ impl ScanArchive {
     /// [`ErrorKind::ResourcesExhausted`] when the scan cannot be read; [`ErrorKind::DiskFull`] and [`ErrorKind::Io`]
     /// when `out` cannot be written; [`ErrorKind::Internal`] when there is no such view.
     pub fn write_view(&self, index: usize, out: impl Write + Seek) -> Result<(), Error> {
-        let missing = || Error::new(ErrorKind::Internal, format!("there is no view {index} in this scan"));
-        self.groups.get(index).ok_or_else(missing)?.write(&self.container, &self.limits, out)
+        self.group(index)?.write(&self.container, &self.limits, out)
     }
 }
 

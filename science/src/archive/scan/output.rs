@@ -5,14 +5,14 @@ use std::{
     io::{Seek, Write},
 };
 
-use super::view::{Group, ScanView};
+use super::view::{Group, ScanView, ViewFiles};
 use crate::{
     archive::{ArchiveLimits, container::Container, member_names, members::Member, slice_order},
     types::{Error, text::folded},
 };
 
 /// The name of the list of slices, which [`open`](crate::archive::open) reads.
-const MANIFEST: &str = "manifest.json";
+pub(in crate::archive) const MANIFEST: &str = "manifest.json";
 
 impl Group {
     /// What users see of this view.
@@ -32,6 +32,14 @@ impl Group {
             back: shown(&self.back),
             bytes: container.copied_bytes(all, longest as u64, manifest as u64)?,
         })
+    }
+
+    /// The members of the zip of this view.
+    pub(super) fn files(&self) -> ViewFiles {
+        let (front, back) = (named(&self.front, "front"), named(&self.back, "back"));
+        let manifest = manifest(&front, &back);
+        let all = front.into_iter().zip(&self.front).chain(back.into_iter().zip(&self.back));
+        ViewFiles { members: all.map(|(name, member)| (name, member.index)).collect(), manifest }
     }
 
     /// Writes the zip of this view.

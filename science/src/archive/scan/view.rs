@@ -73,6 +73,15 @@ impl ScanView {
     }
 }
 
+/// The members of the zip of one view.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ViewFiles {
+    /// For each slice its name in the zip of the view, and its position in the directory of the scan.
+    pub members: Vec<(String, usize)>,
+    /// `manifest.json`, when the order of the slices is not that of their names.
+    pub manifest: Option<Vec<u8>>,
+}
+
 /// A file that belongs to no view.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[schema(as = IgnoredFile)]

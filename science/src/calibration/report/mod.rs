@@ -72,7 +72,7 @@ pub(super) fn report(
         verdict: verdict.clone(),
         grade,
         findings: warnings.clone(),
-        target: target::report(&facts, options.target_pitch_mm, magnification),
+        target: Some(target::report(&facts, options.target_pitch_mm, magnification)),
         model: solution.selection.model.name(),
         model_reason: solution.selection.reason.clone(),
         candidates: solution.selection.candidates.clone(),

@@ -87,7 +87,11 @@ pub(super) fn print(calibration: &Calibration, truths: &[Homography]) {
         );
     }
     println!("{} {:?} {:?}", calibration.verdict, calibration.capture_mode, calibration.warnings);
-    println!("{:?} fill {:.3}", calibration.model, calibration.report.target.fill);
+    println!(
+        "{:?} fill {:.3}",
+        calibration.model,
+        calibration.report.target.as_ref().map_or(0.0, |target| target.fill)
+    );
 }
 
 /// Slices in memory.

@@ -13,7 +13,8 @@ pub enum ImageFault {
     Empty,
     /// A camera raw file.
     #[error(
-        "camera raw files ({0}) are not supported; convert all slices, with the same settings, to 16-bit TIFF or JPEG"
+        "camera raw files ({0}) are not supported; convert all slices, with the same settings, to 16-bit TIFF or JPEG \
+         (pinstack convert of the Python package does that)"
     )]
     Raw(&'static str),
     /// A picture in a format that is not supported.

@@ -13,7 +13,10 @@ use crate::{
     http::{ApiError, ApiResult, App, extract::path::name, ingest::fields::Fields},
 };
 use pinstack_science::types::{
-    Warning, WarningCode, calibration_options::CalibrationOptions, error::ErrorLocation, profile::MAX_SLICES,
+    Warning, WarningCode,
+    calibration_options::{CalibrationOptions, CalibrationSource},
+    error::ErrorLocation,
+    profile::MAX_SLICES,
     stack_layout::StackLayout,
 };
 
@@ -88,6 +91,15 @@ impl CalibrationSubmission {
         Ok(Self { rig, lens, options, current, moved })
     }
 
+    /// A submission for a profile that does not exist yet, without another calibration of the moved target.
+    ///
+    /// # Errors
+    /// `invalid_request` for options that break a rule.
+    pub fn new(rig: Name, lens: Name, options: CalibrationOptions) -> Result<Self, Fault> {
+        check_calibration(&options)?;
+        Ok(Self { rig, lens, options, current: None, moved: None })
+    }
+
     pub(super) fn profile_key(&self) -> (&Name, &Name) {
         (&self.rig, &self.lens)
     }
@@ -96,11 +108,16 @@ impl CalibrationSubmission {
         serde_json::json!({ "rig": self.rig, "lens": self.lens, "options": self.options })
     }
 
-    pub(super) fn to_request(
-        &self,
-        upload: Upload,
-        layout: StackLayout,
-    ) -> Result<(CalibrationRequest, Vec<Warning>), Fault> {
+    /// Whether the zip has stacks of objects.
+    pub(super) fn is_by_stacks(&self) -> bool {
+        self.options.source == CalibrationSource::Stacks
+    }
+
+    /// Checks the contents of the zip and builds the request that the row of the job keeps.
+    ///
+    /// # Errors
+    /// `slice_count_mismatch` and others, with the number found and the number expected.
+    pub fn to_request(&self, upload: Upload, layout: StackLayout) -> Result<(CalibrationRequest, Vec<Warning>), Fault> {
         self.check(&layout)?;
         let mut warnings = Vec::new();
         if !layout.back.is_empty() {

@@ -63,6 +63,14 @@ impl Submission {
         }
     }
 
+    /// Whether the zip may be that of a scan.
+    pub fn may_be_scan(&self) -> bool {
+        match self {
+            Self::Stack(_) => false,
+            Self::Calibration(calibration) => calibration.is_by_stacks(),
+        }
+    }
+
     /// Rig and lens.
     pub fn profile_key(&self) -> (&Name, &Name) {
         match self {

@@ -25,6 +25,8 @@ pub struct StackSubmission {
     options: StackOptions,
     /// The stack whose zip is used again.
     rerun_of: Option<Uuid>,
+    /// What sentences call the profile.
+    called: String,
 }
 
 impl StackSubmission {
@@ -35,7 +37,15 @@ impl StackSubmission {
     pub fn new(profile: Profile, options: StackOptions, rerun_of: Option<Uuid>) -> ApiResult<Self> {
         options.check()?;
         check_crop(&options, &profile)?;
-        Ok(Self { profile, options, rerun_of })
+        let Profile { rig, lens, revision, .. } = &profile;
+        let called = format!("the profile of rig '{rig}' and lens '{lens}' (revision {revision})");
+        Ok(Self { profile, options, rerun_of, called })
+    }
+
+    /// The same with a profile that sentences call `called`: it is of no rig and lens.
+    #[must_use]
+    pub fn with_profile_called(self, called: &str) -> Self {
+        Self { called: called.to_owned(), ..self }
     }
 
     pub(super) async fn read(app: &App, caller: &Caller, fields: &Fields) -> ApiResult<Self> {
@@ -104,7 +114,7 @@ impl StackSubmission {
     }
 
     /// A warning for turned slices, if the profile does not know the orientation of those it was measured in.
-    pub(super) fn unknown_orientation(&self, layout: &StackLayout) -> Option<Warning> {
+    pub fn unknown_orientation(&self, layout: &StackLayout) -> Option<Warning> {
         let is_turned = layout.orientation != 1 && self.profile.input.orientation.is_none();
         let detail = format!(
             "the slices are turned by their orientation tag ({}), and the profile does not say in which orientation it was \
@@ -116,8 +126,8 @@ impl StackSubmission {
     }
 
     fn check(&self, layout: &StackLayout) -> Result<(), Fault> {
-        let Profile { rig, lens, revision, slice_count, input, .. } = &self.profile;
-        let profile = format!("the profile of rig '{rig}' and lens '{lens}' (revision {revision})");
+        let Profile { slice_count, input, .. } = &self.profile;
+        let profile = &self.called;
         if let Some(moved) = layout.moved.first() {
             let detail = format!(
                 "{moved} is in a folder for the moved target of a calibration; put the slices of a stack into front/ and \

@@ -99,7 +99,7 @@ impl Sheet<'_> {
     }
 
     fn blur(&self) -> String {
-        let pitch = self.report.target.pitch_px;
+        let pitch = self.report.target.as_ref().map_or(0.0, |target| target.pitch_px);
         let limit = |s: &SliceReport| (s.scale > 0.0).then(|| MAX_BLUR * pitch / s.scale);
         let hint = "radius; above the limit (0.45 of the dot pitch) dots merge and cannot be measured";
         let mut chart = self.chart("Blur", hint, "px", self.marks(1, " px", |s| s.blur_radius_px), Scale::Linear(1.0));

@@ -69,7 +69,7 @@ fn slices(report: &CalibrationReport) -> String {
 }
 
 fn target(report: &CalibrationReport) -> String {
-    let target = &report.target;
+    let Some(target) = &report.target else { return "none: calibrated from stacks of objects".to_owned() };
     let kind = if target.bright_dots { "bright dots on dark" } else { "dark dots on bright" };
     let rows = if target.asymmetric { ", every other row shifted by half a step" } else { "" };
     let pitch = target.pitch_mm.map(|mm| format!(" = {} mm", significant(mm, 4))).unwrap_or_default();

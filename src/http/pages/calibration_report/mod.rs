@@ -34,23 +34,53 @@ use pinstack_science::types::report::{CalibrationReport, Drift, Grade};
 /// What the report is about: the heading above the verdict.
 #[derive(Debug, Clone, Copy)]
 pub struct Subject<'a> {
-    /// Name of the rig.
-    pub rig: &'a str,
-    /// Name of the lens.
-    pub lens: &'a str,
-    /// The profile revision that the calibration made; `None` when the option `keep` excluded it.
-    pub revision: Option<u32>,
+    /// Where the profile is.
+    pub profile: SubjectProfile<'a>,
     /// When it was measured, as text.
     pub measured: &'a str,
     /// The user's note.
     pub note: Option<&'a str>,
 }
 
+/// The profile that a report is about.
+#[derive(Debug, Clone, Copy)]
+pub enum SubjectProfile<'a> {
+    /// A profile of the service.
+    Stored {
+        /// Name of the rig.
+        rig: &'a str,
+        /// Name of the lens.
+        lens: &'a str,
+        /// The revision that the calibration made; `None` when the option `keep` excluded it.
+        revision: Option<u32>,
+    },
+    /// A file, by its name.
+    File(&'a str),
+}
+
+impl SubjectProfile<'_> {
+    /// The text of the title, the heading as markup, and what became of the profile.
+    fn shown(&self) -> [String; 3] {
+        match *self {
+            Self::File(name) => [name.to_owned(), format!("<bdi>{}</bdi>", escape(name)), "Profile file".to_owned()],
+            Self::Stored { rig, lens, revision } => {
+                let number = revision.map_or_else(|| "not kept".to_owned(), |revision| format!("revision {revision}"));
+                let kept = revision.map(|revision| format!("Profile revision {revision}"));
+                [
+                    format!("{rig} with {lens}, {number}"),
+                    format!("<bdi>{}</bdi> with <bdi>{}</bdi>", escape(rig), escape(lens)),
+                    kept.unwrap_or_else(|| "Not kept as a profile revision".to_owned()),
+                ]
+            }
+        }
+    }
+}
+
 /// The whole page. `drift` compares with the previous revision, if there is one. Links to the overlay pictures are
 /// relative (`overlay?slice=N`): the page is served beside them.
 pub fn page(subject: &Subject<'_>, report: &CalibrationReport, drift: Option<&Drift>) -> String {
-    let revision = subject.revision.map_or_else(|| "not kept".to_owned(), |revision| format!("revision {revision}"));
-    let title = format!("Calibration of {} with {}, {revision}", subject.rig, subject.lens);
+    let [of, ..] = subject.profile.shown();
+    let title = format!("Calibration of {of}");
     let mut out = String::with_capacity(1 << 20);
     out.push_str("<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n");
     out.push_str("<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n");
@@ -75,16 +105,12 @@ fn head(subject: &Subject<'_>, report: &CalibrationReport) -> String {
         Grade::Poor => ("poor", "✕", "Poor"),
     };
     let note = subject.note.map(|note| format!("<p class=\"note\">“{}”</p>", escape(note))).unwrap_or_default();
-    let revision = subject
-        .revision
-        .map_or_else(|| "Not kept as a profile revision".to_owned(), |revision| format!("Profile revision {revision}"));
+    let [_, heading, kept] = subject.profile.shown();
     format!(
-        "<header class=\"{class}\">\n<p class=\"over\">Calibration report</p>\n<h1><bdi>{}</bdi> with <bdi>{}</bdi></h1>\n\
-         <p class=\"sub\">{revision} · {}</p>\n\
+        "<header class=\"{class}\">\n<p class=\"over\">Calibration report</p>\n<h1>{heading}</h1>\n\
+         <p class=\"sub\">{kept} · {}</p>\n\
          <div class=\"verdict\"><span class=\"grade\"><span aria-hidden=\"true\">{sign}</span> {word}</span>\n<p>{}</p></div>\n{note}\
          </header>\n",
-        escape(subject.rig),
-        escape(subject.lens),
         escape(subject.measured),
         escape(&without_grade(&report.verdict, word)),
     )

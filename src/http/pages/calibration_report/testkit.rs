@@ -44,7 +44,7 @@ pub(super) fn report(count: usize) -> CalibrationReport {
             WarningCode::SliceInterpolated,
             "too blurred to be measured, and therefore predicted from the other slices: target_12.tif",
         )],
-        target: TargetReport {
+        target: Some(TargetReport {
             pitch_px: PITCH,
             pitch_mm: Some(0.5),
             fill: 0.5,
@@ -55,7 +55,7 @@ pub(super) fn report(count: usize) -> CalibrationReport {
             magnification: Some(0.288),
             coded: false,
             code: None,
-        },
+        }),
         model: HomographyModel::RailLinear,
         model_reason: "the rail law has the lowest expected error at the image corners".into(),
         candidates: candidates(),

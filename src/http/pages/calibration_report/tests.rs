@@ -1,15 +1,13 @@
 //! Content, structure, safety and size of the page.
 
-use super::{STYLE, Subject, page, testkit};
+use super::{STYLE, Subject, SubjectProfile, page, testkit};
 use pinstack_science::types::{
     Warning, WarningCode,
     report::{CameraReport, Grade},
 };
 
 const SUBJECT: Subject<'static> = Subject {
-    rig: "bench",
-    lens: "macro-65",
-    revision: Some(4),
+    profile: SubjectProfile::Stored { rig: "bench", lens: "macro-65", revision: Some(4) },
     measured: "2026-05-04 10:12 UTC",
     note: Some("after cleaning"),
 };
@@ -95,7 +93,11 @@ fn names_and_sentences_are_escaped() {
     report.camera.detail = evil.into();
     let mut drift = testkit::drift(13, 0.1);
     drift.detail = evil.into();
-    let subject = Subject { rig: evil, lens: evil, revision: Some(1), measured: evil, note: Some(evil) };
+    let subject = Subject {
+        profile: SubjectProfile::Stored { rig: evil, lens: evil, revision: Some(1) },
+        measured: evil,
+        note: Some(evil),
+    };
     let html = page(&subject, &report, Some(&drift));
     check_tags(&html);
     assert!(!html.contains("<script") && !html.contains("<svg onload") && !html.contains("<b>"));

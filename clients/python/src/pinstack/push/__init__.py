@@ -1,4 +1,4 @@
-"""The commands ``push`` and ``watch``: send the folders of a capture PC, and fetch the results.
+"""The commands ``push`` and ``watch``, which send the folders of a capture PC and fetch the results, and ``convert``.
 
 | module | what it does |
 |---|---|
@@ -11,6 +11,9 @@
 | ``gone`` | views of a scan whose folder is not there any more |
 | ``names`` | names of result files |
 | ``results``, ``sheet`` | files beside the stacks, and an HTML page that shows them |
+| ``raws``, ``exif``, ``tiff`` | camera raw files, and the pictures that are made from them |
+| ``converter``, ``spool`` | converts several at once; keeps what is converted until it is sent |
+| ``convert`` | the command of the same name |
 | ``settings`` | command line, environment and the file of a rig |
 | ``cli`` | the commands |
 """

@@ -1,4 +1,4 @@
-"""The commands ``pinstack push`` and ``pinstack watch``."""
+"""The commands ``pinstack push``, ``pinstack watch`` and ``pinstack convert``."""
 
 from __future__ import annotations
 
@@ -25,13 +25,15 @@ from .._paths import on_disk
 from .._version import VERSION
 from . import sheet
 from .causes import Again, again_after
+from .convert import add_options, convert
 from .folders import Found, find, refuse_same_names
 from .gone import gone_views
 from .journal import Journal
 from .progress import Progress
+from .raws import SUFFIXES
 from .run import Stopped, ask_of, interruptible, table
 from .sender import Outcome
-from .settings import BACK_LIGHTS, Settings, load, option
+from .settings import BACK_LIGHTS, PREFERENCES, Settings, load, option
 from .watch import Look, Rounds, push, watch
 
 #: Exit codes.
@@ -42,6 +44,8 @@ be read; 2 wrong usage; 3 the service cannot be reached, is busy, or refuses for
 options, such as a token or a missing profile; 130 interrupted. A run that ended early continues when the command is
 given again. With several folders, results and journal are in the first one: give them in the same
 order again."""
+
+EPILOG_OF_CONVERT = """exit codes: 0 everything is converted; 1 some stacks are not; 2 wrong usage; 130 interrupted."""
 
 EPILOG_OF_WATCH = """exit codes: 0 it was stopped; 2 wrong usage. When the service cannot be reached, it tries again."""
 
@@ -56,6 +60,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
         for folder in folders:
             if not on_disk(folder).is_dir():
                 raise PinstackError("invalid_source", f"{folder} is not a folder")
+        if command == "convert":
+            return convert(folders, given, _stop_by_signals())
         for table in ("options", "names"):
             given[table] = {name: value for text in given[table] for name, value in option(text).items()}
         settings = load(given.pop("config"), given, os.environ)
@@ -89,6 +95,10 @@ def _parser() -> argparse.ArgumentParser:
     push.add_argument("folders", nargs="+", metavar="DIR")
     push.add_argument("--dry-run", action="store_true", help="only show which files are which stack; sends names alone")
     push.add_argument("--json", action="store_true", help="with --dry-run: show that as JSON")
+    converting = commands.add_parser(
+        "convert", help="convert camera raw files as push does, into another folder", epilog=EPILOG_OF_CONVERT
+    )
+    add_options(converting)
     watching = commands.add_parser(
         "watch", help="send stacks as they become complete, until stopped", epilog=EPILOG_OF_WATCH
     )
@@ -98,6 +108,16 @@ def _parser() -> argparse.ArgumentParser:
     for command in (push, watching):
         command.add_argument("--quiet-s", type=float, help="seconds without a change after which a stack is complete")
         command.add_argument("--gap-s", type=float, help="a pause of that many seconds between pictures begins a stack")
+        command.add_argument("--prefer", choices=PREFERENCES, help="which is sent of a raw file and a picture of "
+                             "the same name (default: raw, where it can be converted)")  # fmt: skip
+        command.add_argument(
+            "--raw-format", choices=sorted(SUFFIXES), help="format of converted raw files (default: tiff)"
+        )
+        command.add_argument("--raw-quality", type=int, help="quality with --raw-format jpeg, 1 to 100 (default: 95)")
+        command.add_argument("--raw-exposure", type=float, metavar="STOPS", help="make raw files brighter (default: 0)")
+        command.add_argument("--raw-memory-gb", type=float, help="memory that conversions may take (default: 4)")
+        command.add_argument("--raw-temp", type=Path, metavar="FOLDER",
+                             help="where converted files wait to be sent (default: beside the journal)")  # fmt: skip
         command.add_argument("-n", "--name-rule", dest="names", action="append", default=[], metavar="NAME=VALUE",
                              help="what numbers in names mean, such as x_degrees_per_unit=0.225")  # fmt: skip
         command.add_argument("--config", type=Path, help="file of the rig (TOML)")
@@ -146,7 +166,9 @@ def _look(folders: List[Path], settings: Settings) -> Callable[[Client], Look]:
             found = Found()
             for folder, ask in zip(folders, asks):
                 results, _ = _places(folder, settings)
-                one = find(folder, ask, results, settings.gap_s, settings.save)
+                suffix = settings.raw_options().suffix
+                one = find(folder, ask, results, settings.gap_s, settings.save, settings.prefer, suffix)
+                found.notes.extend(one.notes)
                 found.stacks.extend(one.stacks)
                 found.ignored.extend(one.ignored)
                 found.unread.extend(one.unread)

@@ -9,20 +9,23 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from pathlib import Path, PurePath
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from pathlib import Path, PurePath, PurePosixPath
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 from .._errors import PinstackError
 from .._paths import on_disk, shown, walk
 from .._zips import StoredZip, is_picture, is_skipped_folder, utf8
 from .bursts import by_bursts
 from .names import result_stems
+from .raws import INSTALL, is_raw, is_supported, one_of_each_shot
 
 #: Groups names, with the content of their ``manifest.json``; returns what ``Client.group_names`` does.
 Ask = Callable[[Sequence[str], Optional[Mapping[str, Any]]], Mapping[str, Any]]
 
 #: Files that systems put beside pictures, in lower case.
 OF_SYSTEMS = frozenset({"thumbs.db", "ehthumbs.db", "desktop.ini"})
+#: How the names of folders with converted slices begin.
+SPOOLS = ".pinstack-raw"
 
 
 @dataclass
@@ -43,12 +46,16 @@ class FoundStack:
     is_ordered: bool = False
 
     def zip(self) -> StoredZip:
-        """The zip that is sent; nothing is copied."""
+        """The zip that is sent, of raw files before their conversion; nothing is copied."""
         return StoredZip.of_slices(self.front, self.back, is_ordered=self.is_ordered)
 
     def files(self) -> List[Path]:
         """All slices."""
         return [*self.front, *self.back]
+
+    def has_raws(self) -> bool:
+        """Whether its slices are converted before they are sent."""
+        return any(is_raw(path) for path in self.files())
 
 
 @dataclass
@@ -60,6 +67,8 @@ class Found:
     ignored: List[Tuple[Path, str]] = field(default_factory=list)
     #: Those of ``ignored`` that cannot be read: stacks or slices may be missing.
     unread: List[Tuple[Path, str]] = field(default_factory=list)
+    #: What people should know about the folder.
+    notes: List[str] = field(default_factory=list)
 
 
 def find(
@@ -68,16 +77,19 @@ def find(
     results: Optional[Path] = None,
     gap_s: Optional[float] = None,
     save: Sequence[str] = ("image", "mask"),
+    prefer: Optional[str] = None,
+    raw_suffix: str = ".tif",
 ) -> Found:
     """The stacks in a folder and below it. ``results`` is passed over.
 
     ``gap_s``: files of a folder that were taken more than this time apart belong to different stacks.
     ``save``: the artifacts that will be saved; those of two stacks must not have the same file name.
+    ``prefer``: as in :class:`.settings.Settings`. ``raw_suffix``: the ending of converted raw files.
     """
     found = Found()
-    files = _files(root, results, found)
-    manifest = _manifest(files)
-    names = {path.relative_to(root).as_posix(): path for path in files}
+    files = _shots(root, files_below(root, results, found), prefer, found)
+    manifest = _manifest(files, raw_suffix)
+    names = {_sent_name(path.relative_to(root), raw_suffix): path for path in files}
     times: Dict[Path, float] = {}
     unread: Dict[Path, Path] = {}
     if gap_s is not None:
@@ -115,6 +127,8 @@ def find(
         held = next((unread[path.parent] for path in stack.files() if path.parent in unread), None)
         if held is not None and stack.problem is None:
             stack.problem = f"{held} cannot be read, so its stack is not known; is it still being written?"
+        if stack.problem is None and stack.has_raws():
+            stack.problem = _problem_of_raws(stack)
     found.ignored.extend((names[file["name"]], str(file["reason"])) for file in grouping["ignored"])
     refuse_same_names(found, save)
     return found
@@ -140,7 +154,34 @@ def refuse_same_names(found: Found, save: Sequence[str]) -> None:
             stack.problem = f"results of {both} would have the same file name, {stems[taken]}; rename one of the stacks"
 
 
-def _files(root: Path, results: Optional[Path], found: Found) -> List[Path]:
+def _shots(root: Path, files: List[Path], prefer: Optional[str], found: Found) -> List[Path]:
+    """The files, with one of each raw file and picture of the same name."""
+    supported = is_supported()
+    prefers_raw = supported if prefer is None else prefer == "raw"
+    kept, left_out = one_of_each_shot(files, prefers_raw, supported)
+    found.ignored.extend(left_out)
+    count = sum(is_raw(path) for path, _ in left_out)
+    if count and not supported and prefer is None:
+        found.notes.append(f"{root}: the pictures beside {count} camera raw files are sent; {INSTALL}")
+    return kept
+
+
+def _sent_name(relative: PurePath, raw_suffix: str) -> str:
+    """The name that the service groups: that of the converted file for a raw file."""
+    return (relative.with_suffix(raw_suffix) if is_raw(relative) else relative).as_posix()
+
+
+def _problem_of_raws(stack: FoundStack) -> Optional[str]:
+    """Why a stack with raw files cannot be sent; None if it can."""
+    raws = [path for path in stack.files() if is_raw(path)]
+    other = next((path for path in stack.files() if not is_raw(path)), None)
+    if other is not None:
+        both = f"{raws[0].name} is a camera raw file, and {other.name} is none"
+        return f"{both}; send all slices of the stack, of both lights, as raw files, or none (--prefer picture)"
+    return None if is_supported() else f"{raws[0].name} is a camera raw file; {INSTALL}"
+
+
+def files_below(root: Path, results: Optional[Path], found: Found) -> List[Path]:
     """All files that may matter, in a stable order."""
     passed_over = results.resolve() if results is not None else None
     files: List[Path] = []
@@ -153,7 +194,8 @@ def _files(root: Path, results: Optional[Path], found: Found) -> List[Path]:
         for name in list(names):
             if is_skipped_folder(name) or (here / name).resolve() == passed_over:
                 names.remove(name)
-                if name.startswith(".") and _has_pictures(here / name):
+                is_own = name.startswith(SPOOLS)
+                if name.startswith(".") and not is_own and _has_pictures(here / name):
                     found.ignored.append((here / name, "a hidden folder; rename it to send its pictures"))
         names.sort()
         for name in sorted(file_names):
@@ -176,8 +218,8 @@ def _has_pictures(folder: Path) -> bool:
     return any(is_picture(PurePath(name)) for _, _, names in walk(folder) for name in names)
 
 
-def _manifest(files: Sequence[Path]) -> Optional[Mapping[str, Any]]:
-    """The content of the manifest that the service will look for: the least deep one."""
+def _manifest(files: Sequence[Path], raw_suffix: str) -> Optional[Mapping[str, Any]]:
+    """The content of the manifest that the service will look for, the least deep one, with the names that are sent."""
     named = [path for path in files if path.name.lower() == "manifest.json"]
     if not named:
         return None
@@ -186,7 +228,19 @@ def _manifest(files: Sequence[Path]) -> Optional[Mapping[str, Any]]:
         content = json.loads(on_disk(path).read_bytes())
     except (OSError, ValueError) as error:
         raise PinstackError("invalid_source", f"{path} cannot be read as JSON: {error}") from error
-    return content if isinstance(content, dict) else {}
+    shots = {path.stem.casefold() for path in files if is_raw(path)}
+    return _with_sent_names(content, shots, raw_suffix) if isinstance(content, dict) else {}
+
+
+def _with_sent_names(content: Any, shots: Set[str], raw_suffix: str) -> Any:
+    """The content of a manifest in which the files that are raw files here have the names that are sent."""
+    if isinstance(content, dict):
+        return {key: _with_sent_names(value, shots, raw_suffix) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_with_sent_names(value, shots, raw_suffix) for value in content]
+    path = PurePosixPath(content) if isinstance(content, str) else PurePosixPath()
+    is_shot = (is_raw(path) or is_picture(path)) and path.stem.casefold() in shots
+    return str(path.with_suffix(raw_suffix)) if is_shot else content
 
 
 def _have_same_names(slices: Sequence[Path]) -> bool:

@@ -37,6 +37,8 @@ class Entry:
     code: Optional[str] = None
     #: The ``state`` of the :class:`.causes.Site` that it was sent to.
     seen: Optional[str] = None
+    #: The identity of the converted files that its upload was begun with.
+    spool: Optional[str] = None
 
 
 @dataclass(frozen=True)
@@ -65,13 +67,14 @@ class Key:
 
 
 #: The columns of a stack beside its key.
-COLUMNS = ("name", "upload", "job", "ended", "code", "seen", "shape", "content", "scan", "place")
+COLUMNS = ("name", "upload", "job", "ended", "code", "seen", "shape", "content", "scan", "place", "spool")
 
 
 class Journal:
     """The journal in a file. Each change is on the disk when the method returns."""
 
     def __init__(self, path: Path) -> None:
+        self.path = path
         try:
             on_disk(path.parent).mkdir(parents=True, exist_ok=True)
             self._rows = sqlite3.connect(on_disk(path), timeout=0.5, isolation_level=None, check_same_thread=False)
@@ -130,7 +133,7 @@ class Journal:
 
     def entry(self, key: str) -> Entry:
         """What is known of the stack with this key."""
-        select = "SELECT upload, job, ended, code, seen FROM stacks WHERE key = ?"
+        select = "SELECT upload, job, ended, code, seen, spool FROM stacks WHERE key = ?"
         row = self._rows.execute(select, (key,)).fetchone()
         return Entry(*row) if row is not None else Entry()
 

@@ -44,7 +44,7 @@ class Progress:
             self._until.pop(name, None)
             if before != what:
                 self._began[name] = self._clock()
-                if not self._is_terminal and what in ("sending", "waiting") and name not in self._said:
+                if not self._is_terminal and what in ("converting", "sending", "waiting") and name not in self._said:
                     self._print(f"{name}: {what}")
             if self._is_terminal and self._clock() - self._shown > 0.2:
                 self._show()

@@ -18,6 +18,7 @@ from .journal import Journal
 from .progress import Progress
 from .sender import Outcome, Sender
 from .settings import Settings
+from .spool import Spool
 
 
 class Stopped(Exception):
@@ -42,6 +43,7 @@ def send_all(
     """
     stop = stop if stop is not None else threading.Event()
     local = threading.local()
+    spool = Spool(journal, settings)
 
     def step(name: str, what: str, share: float) -> None:
         if stop.is_set():
@@ -60,7 +62,7 @@ def send_all(
                 # a file that cannot be read is told when it is sent
                 with contextlib.suppress(OSError, PinstackError):
                     progress.expect(stack.name, stack.zip().length)
-            outcome = Sender(client, journal, settings, results, step, site).send(stack)
+            outcome = Sender(client, journal, settings, results, step, site, spool, progress.expect).send(stack)
         except Stopped:
             return None
         if ended is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional
 
@@ -18,6 +18,7 @@ from .folders import FoundStack
 from .journal import Entry, Journal, Key, key_of
 from .results import missing, save_results
 from .settings import Settings
+from .spool import Spool
 
 #: Called with a stack's name, what happens to it, and how far it is (0 to 1).
 OnStep = Callable[[str, str, float], None]
@@ -59,6 +60,8 @@ def key(stack: FoundStack, settings: Settings, site: Site) -> Key:
     options = options_of(stack, settings)
     # the name of a view is its label
     has_own_label = "label" in settings.options or "scan" in options
+    if stack.has_raws():
+        options["raw"] = asdict(settings.raw_options())
     server, rig, lens = settings.server, settings.rig, settings.lens
     return key_of(site.id, server, rig, lens, options, stack.zip(), has_own_label)
 
@@ -73,6 +76,10 @@ class Sender:
     results: Path
     on_step: OnStep
     site: Site
+    #: Where the slices of stacks of raw files are converted.
+    spool: Optional[Spool] = None
+    #: Called with a stack's name and the bytes that are sent for it, where they become known.
+    on_size: Callable[[str, int], None] = lambda name, size: None
 
     def send(self, found: FoundStack) -> Outcome:
         """Does what is left to do for a stack. It raises nothing that concerns this stack alone."""
@@ -144,8 +151,20 @@ class Sender:
         scan = scan_key(self.site, str(options["scan"])) if "scan" in options else None
         place = str(found.files()[0].absolute())
         self.journal.note(at.value, found.name, shape=at.shape, seen=self.site.state, scan=scan, place=place)
+        spool = self.spool or Spool(self.journal, self.settings) if found.has_raws() else None
+        zipped = source
+        if spool is not None:
+            zipped, made = spool.converted(
+                found, source, at.value, lambda share: self.on_step(found.name, "converting", share)
+            )
+            if made != self.journal.entry(at.value).spool:
+                # of an earlier upload are other bytes there
+                self.journal.note(at.value, found.name, spool=made, upload=None)
+                resume = None
+            self.on_size(found.name, zipped.length)
+            self.on_step(found.name, "sending", 0.0)
         sent = self.client.send_stack(
-            source,
+            zipped,
             self.settings.rig,
             self.settings.lens,
             resume=resume,
@@ -155,6 +174,8 @@ class Sender:
         )
         job = str(sent["links"]["self"])
         self.journal.note(at.value, found.name, job=job)
+        if spool is not None:
+            spool.remove(at.value)
         with contextlib.suppress(OSError, PinstackError):
             # without it, the stack is only not known again by other times
             self.journal.note(at.value, found.name, content=source.content())

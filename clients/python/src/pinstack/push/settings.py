@@ -26,6 +26,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional
 from .._errors import PinstackError
 from .._operations import RULES
 from .._paths import on_disk
+from .raws import RawOptions
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -36,6 +37,8 @@ else:
 TEXTS = frozenset({"label", "scan"})
 #: Values of ``back_light``.
 BACK_LIGHTS = ("auto", "always", "never")
+#: Values of ``prefer``.
+PREFERENCES = ("raw", "picture")
 #: A number as JSON writes it. Others, such as ``007`` and ``1_000``, are texts.
 NUMBER = re.compile(r"-?(0|[1-9][0-9]*)(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 
@@ -101,6 +104,17 @@ class Settings:
     #: Whether each stack has a back light: ``always``, ``never``, or ``auto``: ``watch`` waits for it where another
     #: stack of the folder has one.
     back_light: str = "auto"
+    #: Which is sent of a raw file and a picture of the same name, ``raw`` or ``picture``; None: the raw file where
+    #: it can be converted.
+    prefer: Optional[str] = None
+    #: How raw files are converted: :class:`.raws.RawOptions`.
+    raw_format: str = "tiff"
+    raw_quality: int = 95
+    raw_exposure: float = 0.0
+    #: Memory that conversions take together, GB.
+    raw_memory_gb: float = 4.0
+    #: Folder of converted slices while they are sent; None: that of the journal.
+    raw_temp: Optional[Path] = None
     #: What numbers in names mean, such as ``x_degrees_per_unit``.
     names: Dict[str, Any] = field(default_factory=dict)
     #: Options of the stacks.
@@ -111,6 +125,10 @@ class Settings:
         of_mask = {"required": "always", "none": "never"}
         chosen = of_mask.get(str(self.options.get("mask")), "auto") if self.back_light == "auto" else self.back_light
         return chosen == "always" or (chosen == "auto" and other_stacks_have_one)
+
+    def raw_options(self) -> RawOptions:
+        """How raw files are converted."""
+        return RawOptions(self.raw_format, self.raw_quality, float(self.raw_exposure))
 
     def check(self, is_dry_run: bool = False) -> None:
         """Raises ``invalid_source`` with what is missing or out of range. To group files needs no rig and lens."""
@@ -123,6 +141,11 @@ class Settings:
             raise _wrong("gap_s must be more than 0")
         if self.back_light not in BACK_LIGHTS:
             raise _wrong(f"back_light is {self.back_light!r}; it must be one of {', '.join(BACK_LIGHTS)}")
+        if self.prefer not in (None, *PREFERENCES):
+            raise _wrong(f"prefer is {self.prefer!r}; it must be one of {', '.join(PREFERENCES)}")
+        if self.raw_memory_gb <= 0:
+            raise _wrong("raw_memory_gb must be more than 0")
+        self.raw_options().check()
         unknown = sorted(set(self.names) - RULES)
         if unknown:
             raise _wrong(f"names: there is no rule {unknown[0]!r}; there are {', '.join(sorted(RULES))}")
@@ -158,7 +181,7 @@ def load(file: Optional[Path], given: Mapping[str, Any], environment: Mapping[st
         )
     own = set(known) - {"token_file"}
     values.update({name: value for name, value in given.items() if name in own and value is not None})
-    for name in ("results", "journal"):
+    for name in ("results", "journal", "raw_temp"):
         if values.get(name) is not None:
             values[name] = Path(str(values[name])).expanduser()
     settings = Settings(**{**values, "options": options, "names": names})
@@ -168,6 +191,9 @@ def load(file: Optional[Path], given: Mapping[str, Any], environment: Mapping[st
         ("gap_s", (int, float)),
         ("every_s", (int, float)),
         ("save", list),
+        ("raw_quality", int),
+        ("raw_exposure", (int, float)),
+        ("raw_memory_gb", (int, float)),
     ):
         if getattr(settings, name) is not None and not isinstance(getattr(settings, name), kind):
             raise _wrong(f"{name} has the wrong type in {file or 'the settings'}")

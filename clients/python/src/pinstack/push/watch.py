@@ -28,6 +28,7 @@ from .causes import Again, Site, site_of
 from .folders import Found, FoundStack
 from .journal import Journal
 from .progress import Progress, time_in
+from .raws import is_raw
 from .run import Stopped, interruptible, send_all
 from .sender import Outcome, key
 from .settings import Settings
@@ -148,6 +149,8 @@ class Rounds:
         """Looks at the folders. Raises what the service says."""
         self.found = self._look()
         self._progress.total = len(self.found.stacks)
+        for note in self.found.notes:
+            self.say_once(note, note)
         self._has_back_light |= any(stack.front and stack.back for stack in self.found.stacks)
 
     def works(self) -> None:
@@ -275,7 +278,7 @@ def watch(rounds: Rounds, settings: Settings, stop: threading.Event, ended: Call
             rounds.say_once("service", f"nothing is sent now: {error.detail}; it is tried again every few seconds")
         for path, reason in rounds.found.unread:
             # a picture that is still being written is told with its stack
-            if not is_picture(path):
+            if not (is_picture(path) or is_raw(path)):
                 rounds.say_once(f"unread {path}", f"{path} {reason}")
         if stop.wait(settings.every_s):
             return
