@@ -49,7 +49,7 @@ const MAX_SLICES: usize = 1200;
 const MANY_VIEWS: usize = 6;
 /// A simpler model is kept up to this factor above the scatter of the most complex one ...
 const SCATTER_TOLERANCE: f64 = 1.15;
-/// ... and if no pair of slices is displaced against it by more than under the most complex one, px.
+/// ... and if no two slices are displaced against it, over all views, by more than under the most complex one, px.
 const MISFIT_TOLERANCE: f64 = 0.05;
 
 /// Most memory that registration takes, bytes: the pictures of slices that are compared, at four thirds of the first
@@ -263,9 +263,8 @@ fn chosen(fits: &[(NetworkModel, NetworkFit)], requested: ModelChoice) -> Option
     if wanted.is_some() {
         return fits.iter().position(|(model, _)| Some(*model) == wanted);
     }
-    let misfit = |fit: &NetworkFit| fit.misfit.iter().map(|m| m[0]).fold(0.0, f64::max);
     let (_, best) = fits.last()?;
     fits.iter().position(|(_, fit)| {
-        fit.scatter <= SCATTER_TOLERANCE * best.scatter && misfit(fit) <= misfit(best) + MISFIT_TOLERANCE
+        fit.scatter <= SCATTER_TOLERANCE * best.scatter && fit.misfit <= best.misfit + MISFIT_TOLERANCE
     })
 }

@@ -5,6 +5,8 @@
 //! slice in focus (`perspective`). A window that lies at `q1` in the first slice of a pair and at `q2` in the second
 //! gives `q2 = T2(T1^-1(q1))`, with its own covariance. Windows that do not agree lose their weight.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector2;
 
 use super::matched::{Pair, WindowMatch};
@@ -57,8 +59,8 @@ pub(super) struct NetworkFit {
     pub parallax: Option<[f64; 2]>,
     /// Residuals over what the covariances of the windows let expect.
     pub scatter: f64,
-    /// Per pair its mean residual, px, and the standard deviation of that.
-    pub misfit: Vec<[f64; 2]>,
+    /// Largest mean residual of two slices over all views, px.
+    pub misfit: f64,
     /// Per slice the number of windows that agree, and their RMS residual, px.
     pub agreeing: Vec<(u32, f64)>,
     /// Number of free parameters.
@@ -92,7 +94,8 @@ impl Network<'_> {
     /// The result, with what leaving out each group of windows in turn changes.
     fn finished(&self, layout: &Layout, found: &Unknowns, scatter: f64) -> Option<NetworkFit> {
         let mut groups = vec![layout.normal(); GROUPS];
-        let mut sums = vec![(Vector2::zeros(), 0.0, 0.0); self.pairs.len()];
+        // of the same two slices in all views: what outlines do in one view is undone in another
+        let mut sums: BTreeMap<[usize; 2], (Vector2<f64>, f64)> = BTreeMap::new();
         let mut agreeing = vec![(0_u32, 0.0); self.offsets.len()];
         let half = self.frame.half;
         self.for_each(layout, found, |[pair, index], window, equation| {
@@ -100,9 +103,9 @@ impl Network<'_> {
             let weight = weight(distance, scatter, false);
             groups[usize::from(self.groups[pair][index])].add(&equation, window, weight);
             let precision = weight * window.information.trace() / 2.0;
-            sums[pair].0 += precision * equation.residual * half;
-            sums[pair].1 += precision;
-            sums[pair].2 += (precision * half * scatter).powi(2) / (window.information.trace() / 2.0);
+            let sum = sums.entry(self.pairs[pair].slices).or_default();
+            sum.0 += precision * equation.residual * half;
+            sum.1 += precision;
             if distance < 3.0 * scatter {
                 for slice in self.pairs[pair].slices {
                     agreeing[slice].0 += 1;
@@ -134,16 +137,14 @@ impl Network<'_> {
         // as many as are missing could matter as much as those that were left out
         let factor = (used - 1.0) / used * (filled.len() as f64 / used) * caution(used);
         let sigma = |squares: &[f64; 4]| (factor * squares.iter().fold(0.0, |a: f64, b| a.max(*b))).sqrt();
-        let misfit = |&(sum, of, square): &(Vector2<f64>, f64, f64)| {
-            [sum.norm() / f64::max(of, 1e-300), square.sqrt() / f64::max(of, 1e-300)]
-        };
+        let misfit = sums.values().map(|(sum, of)| sum.norm() / f64::max(*of, 1e-300)).fold(0.0, f64::max);
         Some(NetworkFit {
             corner_sigma: corners.iter().map(sigma).collect(),
             parallax: layout
                 .with_parallax
                 .then(|| [found.shared.last().copied().unwrap_or(0.0), (factor * parallax_square).sqrt()]),
             scatter,
-            misfit: sums.iter().map(misfit).collect(),
+            misfit,
             agreeing: agreeing.iter().map(|&(n, square)| (n, (square / f64::from(n.max(1))).sqrt())).collect(),
             free: layout.size + layout.model.shared(),
             parameters,
