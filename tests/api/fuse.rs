@@ -15,6 +15,7 @@ use pinstack_science::{
         codec::{self, Metadata},
     },
     synth::{DotTarget, Light, Rig, Scene, Stage, target_stack},
+    types::Homography,
 };
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
@@ -259,4 +260,28 @@ fn a_signal_stops_the_work_and_leaves_no_scratch_files() {
     let out = folder.join("scan-fused");
     let left = if out.exists() { names(&out) } else { Vec::new() };
     assert!(left.iter().all(|name| !name.starts_with('.')), "{left:?}");
+}
+
+#[test]
+fn without_a_target_the_profile_is_made_from_the_pictures() {
+    let rig = Rig { softness_px: 0.5, ..Rig::sized(420, 280, 5) };
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let stage = Stage::new(&rig, &Scene::weave(1));
+    write(folder, &pngs("weave/front/", (0..rig.slices()).map(|slice| stage.render(Light::Front, slice))));
+    told(folder, &["fuse", "weave"]);
+    let made = folder.join("weave-fused");
+    assert!(made.join("image.png").exists(), "{:?}", names(&made));
+    let error_px = |path: &Path| {
+        let profile: Value = serde_json::from_slice(&fs::read(path).expect("a profile")).expect("JSON");
+        let matrices: Vec<Homography> = serde_json::from_value(profile["homographies"].clone()).expect("matrices");
+        let off = |(i, h): (usize, &Homography)| h.corner_distance(&rig.homography(i), 420, 280);
+        matrices.iter().enumerate().map(off).fold(0.0, f64::max)
+    };
+    assert!(error_px(&made.join("profile.json")) < 0.6);
+    let text = told(folder, &["calibrate", "weave", "--from", "stacks", "-o", "weave.json"]);
+    assert!(text.contains("Usable") && text.contains("calibrated_by_stacks"), "{text}");
+    assert!(error_px(&folder.join("weave.json")) < 0.6);
+    let report = fs::read_to_string(folder.join("weave.html")).expect("a report");
+    assert!(report.contains("none: calibrated from stacks of objects"));
 }

@@ -15,7 +15,7 @@ use reqwest::StatusCode;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use crate::app::{HEIGHT, TestApp, WIDTH, id, problem, profile, stack_zip};
+use crate::app::{HEIGHT, TestApp, WIDTH, id, png, problem, profile, stack_zip, zip};
 
 const POST: &str = "/v1/profiles/rig/lens/calibrations";
 const HOSTILE: &str = "<script>alert(1)</script>.png";
@@ -125,6 +125,23 @@ async fn a_calibration_that_is_not_kept_has_a_report_and_no_revision() {
     assert!(page.contains("Not kept as a profile revision"));
     problem(app.get("/v1/profiles/rig/lens?revision=2").send().await.unwrap(), 404, "profile_not_found").await;
     let answer = app.post(&format!("{POST}?keep=best")).body(stack_zip(2, 0)).send().await.unwrap();
+    problem(answer, 400, "invalid_request").await;
+}
+
+#[tokio::test]
+async fn a_calibration_takes_a_stack_or_a_whole_scan_instead_of_a_target() {
+    let app = TestApp::start().await;
+    let slices =
+        |folder: &'static str| (0..3).map(move |i| (format!("{folder}/img_{i}.png"), png(WIDTH, HEIGHT, 3, i)));
+    let scan: Vec<_> = slices("pan000_tilt10").chain(slices("pan020_tilt10")).collect();
+    for body in [stack_zip(3, 3), zip(&scan)] {
+        let answer = app.post(&format!("{POST}?source=stacks")).body(body).send().await.unwrap();
+        assert_eq!(answer.status(), 202);
+        let url = answer.headers()["location"].to_str().unwrap().to_owned();
+        let shown: Value = app.get(&url).send().await.unwrap().json().await.unwrap();
+        assert_eq!(shown["options"]["source"], "stacks", "{shown}");
+    }
+    let answer = app.post(&format!("{POST}?source=pictures")).body(stack_zip(3, 0)).send().await.unwrap();
     problem(answer, 400, "invalid_request").await;
 }
 
