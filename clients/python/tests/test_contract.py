@@ -130,7 +130,7 @@ def calls(client: Client, folder: Path) -> Dict[str, Callable[[], Any]]:
 
 
 #: Methods whose results need libraries, and which send what another method sends.
-SAME_AS_ANOTHER = {"image", "mask", "depth", "height", "height_sigma", "scan_table", "url", "close"}
+SAME_AS_ANOTHER = {"image", "mask", "depth", "light", "height", "height_sigma", "scan_table", "url", "close"}
 
 
 def operation(document: Any, request: httpx.Request) -> Tuple[str, Any]:

@@ -105,7 +105,8 @@ impl Normal {
         let right = DVector::from_fn(count, |i, _| self.shared_right[i] - dot(&self.border[i], &plain));
         // equal diagonals: the unknowns have different units
         let scale = DVector::from_fn(count, |i, _| rest[(i, i)].max(0.0).sqrt());
-        if scale.iter().zip(self.shared.diagonal().iter()).any(|(s, d)| !(s * s > 1e-9 * d)) {
+        let determined = scale.iter().zip(self.shared.diagonal().iter()).all(|(s, d)| s * s > 1e-9 * d);
+        if !determined {
             return None;
         }
         let even = DMatrix::from_fn(count, count, |i, j| rest[(i, j)] / (scale[i] * scale[j]));

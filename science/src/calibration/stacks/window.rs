@@ -170,7 +170,8 @@ fn normalised(values: &mut [f32; WIDE * WIDE], weights: &[f32; SIDE * SIDE]) -> 
         weights.iter().enumerate().map(|(k, w)| f64::from(w * values[inner(k)] * values[inner(k)])).sum::<f64>();
     let norm = square.sqrt();
     // a hundredth of a grey level is less than rounding leaves
-    if !(square > 1e-4 * of_weights) {
+    let textured = square > 1e-4 * of_weights;
+    if !textured {
         return None;
     }
     let scale = (1.0 / norm) as f32;
