@@ -2,7 +2,7 @@
 //!
 //! In: flags, `PINSTACK_*` environment variables and a TOML file. Out: checked [`Settings`], and the [`Policy`] that
 //! requests depend on. [`generate`] makes both structs, the flags, their help, the checks, and the table of
-//! `docs/OPERATIONS.md` from the rows. A new setting is a row and its place of use.
+//! `docs/SETTINGS.md` from the rows. A new setting is a row and its place of use.
 
 mod address_range;
 mod environment;

@@ -36,7 +36,7 @@ impl Row {
         format!("{}{default} [env: {}{as_list}]", self.text, self.variable())
     }
 
-    /// The row of the table in `docs/OPERATIONS.md`.
+    /// The row of the table in `docs/SETTINGS.md`.
     #[cfg(test)]
     pub(super) fn markdown(&self, defaults: &Value) -> String {
         let default = self.default(defaults);

@@ -2,7 +2,7 @@
 //!
 //! One row per setting: key, type, default, name of the value in `--help`, help text, range or rule, and the member of
 //! [`Policy`] where requests depend on it. The environment variable is `PINSTACK_` and the key. After a change, the
-//! test of the table in `docs/OPERATIONS.md` says how to write it anew.
+//! test of the table in `docs/SETTINGS.md` says how to write it anew.
 
 use std::{net::IpAddr, path::PathBuf, time::Duration};
 

@@ -7,12 +7,12 @@ use super::{
     table::{ROWS, Settings},
 };
 
-/// The head of the table in `docs/OPERATIONS.md`, which ends with an empty line.
+/// The head of the table in `docs/SETTINGS.md`, which ends with an empty line.
 const HEAD: &str = "| flag | variable | default | meaning |\n|---|---|---|---|\n";
 
 #[test]
 fn the_table_of_the_documentation_is_that_of_the_program() {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/OPERATIONS.md");
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/SETTINGS.md");
     let document = fs::read_to_string(&file).expect("UTF-8");
     let (before, rest) = document.split_once(HEAD).expect("the head of the table");
     let after = &rest[rest.find("\n\n").expect("an empty line") + 1..];

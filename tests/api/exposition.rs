@@ -1,4 +1,4 @@
-//! `GET /metrics`: every line is valid, and `docs/OPERATIONS.md` lists exactly the series that exist.
+//! `GET /metrics`: every line is valid, and `docs/MONITORING.md` lists exactly the series that exist.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -112,9 +112,9 @@ fn check_histogram(name: &str, family: &Family) {
     }
 }
 
-/// Name, type and labels of the rows of the table in OPERATIONS.md.
+/// Name, type and labels of the rows of the table in MONITORING.md.
 fn documented() -> BTreeSet<(String, String, Vec<String>)> {
-    let text = include_str!("../../docs/OPERATIONS.md");
+    let text = include_str!("../../docs/MONITORING.md");
     let section =
         text.split("\n## ").find(|section| section.starts_with("Metrics for Prometheus\n")).expect("the section");
     let rows = section.lines().filter(|line| line.starts_with("| `"));

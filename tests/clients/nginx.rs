@@ -27,7 +27,7 @@ struct Nginx {
 
 /// The block of the documentation that begins with this line.
 fn documented(fence: &str) -> String {
-    let page = include_str!("../../docs/OPERATIONS.md");
+    let page = include_str!("../../docs/ACCESS.md");
     let block = page.split(&format!("\n```{fence}\n")).nth(1).expect("the documentation has it");
     block.split("\n```").next().expect("it ends").to_owned()
 }

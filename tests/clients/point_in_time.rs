@@ -1,4 +1,4 @@
-//! The service on Postgres goes back to an earlier time, by the steps of docs/OPERATIONS.md.
+//! The service on Postgres goes back to an earlier time, by the steps of docs/RECOVERY.md.
 
 use std::{path::Path, process::Command};
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Takes a service on Postgres back to an earlier time, as docs/OPERATIONS.md describes it under "Restore to a point in
+# Takes a service on Postgres back to an earlier time, as docs/RECOVERY.md describes it under "Restore to a point in
 # time": point_in_time.sh PINSTACK FOLDER. FOLDER is empty.
 set -euo pipefail
 pinstack=$1 folder=$2

@@ -56,7 +56,7 @@ const COMPOSE: [&str; 4] =
 
 #[test]
 fn every_setting_in_deploy_exists() {
-    let manual = read("docs/OPERATIONS.md");
+    let manual = read("docs/SETTINGS.md");
     let files = ["Dockerfile", "deploy/systemd/pinstack.service"];
     let mut named = BTreeSet::new();
     for file in files.into_iter().chain(COMPOSE).map(str::to_owned).chain(manifests()) {

@@ -32,10 +32,12 @@ fn prose(markdown: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// The anchors of the headings, as viewers of repositories make them.
+/// The anchors of the headings, as viewers of repositories make them, and those of headings that moved to another page.
 fn anchors(markdown: &str) -> BTreeSet<String> {
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     let headings = prose(markdown).filter_map(|line| line.strip_prefix('#')?.trim_start_matches('#').strip_prefix(' '));
+    let left =
+        prose(markdown).flat_map(|line| line.split("<a id=\"").skip(1)).filter_map(|rest| rest.split('"').next());
     headings
         .map(|heading| {
             let text = heading.to_lowercase().replace(' ', "-");
@@ -44,6 +46,7 @@ fn anchors(markdown: &str) -> BTreeSet<String> {
             *count += 1;
             if *count == 1 { anchor } else { format!("{anchor}-{}", *count - 1) }
         })
+        .chain(left.map(str::to_owned))
         .collect()
 }
 
@@ -72,6 +75,22 @@ fn every_link_leads_to_a_file_of_the_project_and_a_heading_in_it() {
     }
     assert!(checked > 150, "only {checked} links were found");
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn the_readme_and_the_pages_of_operations_are_short() {
+    let operations = read(&project().join("docs/OPERATIONS.md"));
+    let files = targets(&operations).into_iter().map(|target| target.split('#').next().unwrap_or_default().to_owned());
+    let pages: BTreeSet<String> = files.filter(|file| !["METRICS.md"].contains(&file.as_str())).collect();
+    assert!(pages.len() > 10, "{pages:?}");
+    let mut long = Vec::new();
+    for (path, limit) in pages.iter().map(|file| (format!("docs/{file}"), 350)).chain([("README.md".to_owned(), 250)]) {
+        let lines = read(&project().join(&path)).lines().count();
+        if lines >= limit {
+            long.push(format!("{path} has {lines} lines"));
+        }
+    }
+    assert!(long.is_empty(), "split them by what their readers want to do: {long:#?}");
 }
 
 #[test]
@@ -109,6 +128,7 @@ fn the_pictures_of_troubleshooting_are_small() {
 
 #[test]
 fn anchors_are_those_of_a_repository() {
-    let found = anchors("# A\n## Run `it`, now\n```sh\n# no heading\n```\n### a_b\n## Run it now\n");
-    assert_eq!(found, ["a", "a_b", "run-it-now", "run-it-now-1"].map(str::to_owned).into());
+    let found =
+        anchors("# A\n## Run `it`, now\n```sh\n# no heading\n```\n### a_b\n## Run it now\n<a id=\"old\"></a>Old\n");
+    assert_eq!(found, ["a", "a_b", "old", "run-it-now", "run-it-now-1"].map(str::to_owned).into());
 }

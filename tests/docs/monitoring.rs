@@ -1,7 +1,7 @@
 //! Alerts and dashboard of `deploy/`: they name series that exist, each alert is explained, and the tools of Prometheus
 //! accept them.
 //!
-//! That `docs/OPERATIONS.md` lists exactly the series of the service is a test of `tests/api`.
+//! That `docs/MONITORING.md` lists exactly the series of the service is a test of `tests/api`.
 
 use std::{collections::BTreeSet, fs, path::PathBuf, process::Command};
 
@@ -15,7 +15,7 @@ fn read(path: &str) -> String {
 
 /// The series that the manual lists.
 fn listed() -> BTreeSet<String> {
-    let manual = read("docs/OPERATIONS.md");
+    let manual = read("docs/MONITORING.md");
     let rows = manual.lines().filter_map(|line| line.strip_prefix("| `")?.split_once('`'));
     rows.map(|(name, _)| name.to_owned())
         .filter(|name| name.starts_with("pinstack_") || name.starts_with("process_"))
@@ -61,12 +61,12 @@ fn the_dashboard_is_json_whose_panels_all_have_a_title_and_an_expression() {
 #[test]
 fn every_alert_is_explained_in_the_manual_and_tested() {
     let (alerts, tests, manual) =
-        (read("deploy/prometheus/alerts.yml"), read("deploy/prometheus/alerts_test.yml"), read("docs/OPERATIONS.md"));
+        (read("deploy/prometheus/alerts.yml"), read("deploy/prometheus/alerts_test.yml"), read("docs/MONITORING.md"));
     let names: Vec<&str> = alerts.lines().filter_map(|line| line.trim().strip_prefix("- alert: ")).collect();
     assert!(names.len() >= 14);
     for name in &names {
-        assert!(manual.contains(&format!("\n#### {name}\n")), "docs/OPERATIONS.md does not explain {name}");
-        let runbook = format!("runbook: docs/OPERATIONS.md#{}", name.to_lowercase());
+        assert!(manual.contains(&format!("\n#### {name}\n")), "docs/MONITORING.md does not explain {name}");
+        let runbook = format!("runbook: docs/MONITORING.md#{}", name.to_lowercase());
         assert!(alerts.contains(&runbook), "{name} does not lead to its section");
         // one test in which it is silent, and one in which it fires with its section
         assert!(tests.contains(&format!("alertname: {name} }}")) && tests.contains(&runbook), "{name} has no test");

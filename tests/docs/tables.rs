@@ -83,9 +83,9 @@ fn bracketed<'a>(text: &'a str, start: &str) -> Option<&'a str> {
 
 #[test]
 fn the_table_of_settings_agrees_with_the_help_of_the_program() {
-    let document = fs::read_to_string(super::project().join("docs/OPERATIONS.md")).expect("UTF-8");
+    let document = fs::read_to_string(super::project().join("docs/SETTINGS.md")).expect("UTF-8");
     let mut documented = BTreeMap::new();
-    for row in rows(section(&document, "\n## Settings\n")) {
+    for row in rows(section(&document, "# Settings\n")) {
         // two flags may share a row
         let names = row[0].split('`').filter(|name| name.starts_with("--"));
         let variables = row[1].split('`').filter(|name| name.starts_with("PINSTACK_"));
@@ -97,7 +97,7 @@ fn the_table_of_settings_agrees_with_the_help_of_the_program() {
     }
     let flags = flags();
     let (of_table, of_program): (Vec<_>, Vec<_>) = (documented.keys().collect(), flags.keys().collect());
-    assert_eq!(of_table, of_program, "docs/OPERATIONS.md against pinstack serve --help");
+    assert_eq!(of_table, of_program, "docs/SETTINGS.md against pinstack serve --help");
     for (flag, text) in flags {
         let (variable, default) = &documented[&flag];
         assert_eq!(bracketed(&text, "[env: "), Some(variable.as_str()), "{flag}: {text}");

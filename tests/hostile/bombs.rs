@@ -1,4 +1,4 @@
-//! Known decompression bombs. Each is refused with its code, within the memory that `docs/OPERATIONS.md` states.
+//! Known decompression bombs. Each is refused with its code, within the memory that `docs/LIMITS.md` states.
 
 use std::io::Cursor;
 

@@ -1,5 +1,5 @@
 //! Pictures that are decompression bombs. Each is refused at its header or when it is decoded, within the memory that
-//! `docs/OPERATIONS.md` states.
+//! `docs/LIMITS.md` states.
 
 use std::io::Cursor;
 

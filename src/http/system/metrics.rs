@@ -14,7 +14,7 @@ use crate::{
 
 /// Metrics for Prometheus
 ///
-/// Requests, jobs, workers, disk and process in the text format of Prometheus. `docs/OPERATIONS.md` lists every series.
+/// Requests, jobs, workers, disk and process in the text format of Prometheus. `docs/MONITORING.md` lists every series.
 #[utoipa::path(
     get,
     path = "/metrics",
