@@ -28,6 +28,22 @@ fn project() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
+/// The Markdown files of `docs` and of its folders.
+fn pages() -> Vec<PathBuf> {
+    let (mut found, mut folders) = (Vec::new(), vec![project().join("docs")]);
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).expect("docs can be read") {
+            let path = entry.expect("docs can be read").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == "md") {
+                found.push(path);
+            }
+        }
+    }
+    found
+}
+
 /// The `sh` and `sh colmap` blocks of a Markdown file.
 fn blocks(markdown: &str) -> Vec<String> {
     let mut found = Vec::new();
@@ -139,21 +155,19 @@ fn the_commands_of_the_tutorial_work() {
 #[test]
 #[ignore = "needs bash, curl, python3"]
 fn the_commands_of_the_docs_work() {
-    for entry in fs::read_dir(project().join("docs")).expect("docs can be read") {
-        let path = entry.expect("docs can be read").path();
-        if path.extension().is_some_and(|e| e == "md") && !path.ends_with("TUTORIAL.md") {
-            run_commands_of(&path);
-        }
+    for page in pages().iter().filter(|page| !page.ends_with("TUTORIAL.md")) {
+        run_commands_of(page);
     }
 }
 
 #[test]
 fn every_warning_of_the_metrics_is_explained() {
     let read = |name: &str| fs::read_to_string(project().join("docs").join(name)).expect("UTF-8");
-    let (metrics, explained) = (read("METRICS.md"), read("TROUBLESHOOTING.md"));
+    let (metrics, findings, explained) = (read("METRICS.md"), read("FINDINGS.md"), read("TROUBLESHOOTING.md"));
     let mut codes = Vec::new();
-    for heading in ["## Findings", "## Other warnings of a stack", "## `mask`"] {
-        for row in tables::rows(tables::section(&metrics, heading)) {
+    let sections = [(&findings, "## Findings"), (&findings, "## Other warnings of a stack"), (&metrics, "## `mask`")];
+    for (text, heading) in sections {
+        for row in tables::rows(tables::section(text, heading)) {
             // the fields of the mask are in a table of the same section
             let is_code = |code: &&str| heading != "## `mask`" || code.starts_with("mask_");
             codes.extend(row[0].split('`').step_by(2).filter(is_code).map(str::to_owned));
@@ -170,7 +184,7 @@ fn every_warning_of_the_metrics_is_explained() {
 
 #[test]
 fn every_code_of_a_warning_is_in_a_table_or_a_heading() {
-    let documents: Vec<String> = ["TROUBLESHOOTING", "METRICS", "SCANS"]
+    let documents: Vec<String> = ["TROUBLESHOOTING", "METRICS", "FINDINGS", "CALIBRATION", "SCANS"]
         .map(|name| fs::read_to_string(project().join(format!("docs/{name}.md"))).expect("a document"))
         .into();
     // a row may name several codes
