@@ -83,7 +83,8 @@ fn the_readme_and_the_pages_of_operations_are_short() {
     let listed: BTreeSet<String> = files.collect();
     assert!(listed.len() > 10, "{listed:?}");
     let mut long = Vec::new();
-    for (path, limit) in listed.iter().map(|file| (format!("docs/{file}"), 350)).chain([("README.md".to_owned(), 250)]) {
+    for (path, limit) in listed.iter().map(|file| (format!("docs/{file}"), 350)).chain([("README.md".to_owned(), 250)])
+    {
         let lines = read(&project().join(&path)).lines().count();
         if lines >= limit {
             long.push(format!("{path} has {lines} lines"));
