@@ -126,7 +126,7 @@ fn a_wide_defocused_edge_is_not_translucent() {
 }
 
 /// Prints the accuracy of hard and soft masks by scene and illumination: the figures in the section on silhouettes of
-/// `docs/METHOD.md`.
+/// `docs/method/HEIGHT_AND_MASKS.md`.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
 fn table_of_mask_accuracy() {

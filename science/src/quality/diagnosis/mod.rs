@@ -1,7 +1,7 @@
 //! Diagnosis: the findings of a stack, as sentences for the person who runs the rig.
 //!
 //! Input: the metrics of a stack and the [`Evidence`] that the contract does not show. Output: findings, warnings
-//! first. Each sentence names what is wrong, where, and what to do. Thresholds and their reasons: `docs/METRICS.md`.
+//! first. Each sentence names what is wrong, where, and what to do. Thresholds and their reasons: `docs/FINDINGS.md`.
 //!
 //! One fault changes many numbers. A consequence of a fault that is already reported is not reported again: a stack
 //! whose slices are out of order gets no findings on alignment, depth or brightness. Where the image jumps, a pixel

@@ -63,7 +63,7 @@ fn a_displacement_is_the_only_warning_wherever_it_happens() {
 }
 
 /// Prints the displacements that are not reported, or not alone, by size of the canvas and of the displacement: the
-/// figures on displacements in `docs/METRICS.md`.
+/// figures on displacements in `docs/FINDINGS.md`.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
 fn table_of_displacements() {

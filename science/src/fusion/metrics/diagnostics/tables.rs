@@ -1,4 +1,4 @@
-//! Tables of findings and metrics, for `docs/METRICS.md`.
+//! Tables of findings and metrics, for `docs/FINDINGS.md`.
 
 use rayon::prelude::*;
 
@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Prints how often `exposure_drift` is reported, by scene and drift: the figures for that finding in
-/// `docs/METRICS.md`.
+/// `docs/FINDINGS.md`.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
 fn table_of_exposure_drift() {
@@ -63,7 +63,7 @@ fn summary(quality: &StackQuality) -> String {
     .join(" ")
 }
 
-/// Prints the findings and the main metrics of stacks with each fault: the figures on findings in `docs/METRICS.md`.
+/// Prints the findings and the main metrics of stacks with each fault: the figures on findings in `docs/FINDINGS.md`.
 #[test]
 #[ignore = "a table for the documentation, minutes long: --ignored --nocapture"]
 fn table_of_findings_by_fault() {
