@@ -48,10 +48,24 @@ pub struct StackRequest {
 pub struct CalibrationRequest {
     /// All options.
     pub options: CalibrationOptions,
-    /// The zip.
+    /// The zip; of stored stacks that of the first.
     pub upload: Upload,
     /// The contents of the zip; `back` is empty.
     pub layout: StackLayout,
+    /// The stored stacks whose pictures it uses; empty if they were sent.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stacks: Vec<StoredStack>,
+}
+
+/// A stored stack whose zip a calibration reads. It is found by the id when the job runs.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct StoredStack {
+    /// The stack.
+    pub id: Uuid,
+    /// Size of its zip, bytes.
+    pub bytes: u64,
+    /// True if its slices are in the reverse order of those of the profile.
+    pub reversed: bool,
 }
 
 /// The request of a job.
@@ -78,6 +92,14 @@ impl JobRequest {
         match self {
             Self::Stack(request) => &request.upload,
             Self::Calibration(request) => &request.upload,
+        }
+    }
+
+    /// The stored stacks whose zips a calibration reads beside its own.
+    pub fn other_stacks(&self) -> &[StoredStack] {
+        match self {
+            Self::Stack(_) => &[],
+            Self::Calibration(request) => request.stacks.get(1..).unwrap_or_default(),
         }
     }
 

@@ -20,7 +20,7 @@ use crate::{
         artifact,
         outcome::{CalibrationOutcome, JobOutcome},
         profile::ProfileSource,
-        request::CalibrationRequest,
+        request::{CalibrationRequest, StoredStack},
     },
     store::ProfileDraft,
 };
@@ -29,7 +29,7 @@ use pinstack_science::{
     calibration::{self, Calibration},
     imaging::{Slices, codec::Metadata},
     types::{
-        Control, Warning, WarningCode,
+        Control, ReadAt, Warning, WarningCode,
         calibration_options::{CalibrationSource, Keep},
         profile::ProfileInput,
     },
@@ -60,7 +60,11 @@ pub fn run(
     let zip = Arc::clone(&context.archive);
     let stacks = match request.options.source {
         CalibrationSource::DotTarget => vec![archive::open_shared(zip, limits)?],
-        CalibrationSource::Stacks => archive::open_stacks(zip, limits)?,
+        CalibrationSource::Stacks if request.stacks.is_empty() => archive::open_stacks(zip, limits)?,
+        CalibrationSource::Stacks => {
+            let zips = std::iter::once(zip).chain(context.others.iter().cloned());
+            request.stacks.iter().zip(zips).map(|(stack, zip)| stored(stack, zip, limits)).collect::<Result<_, _>>()?
+        }
     };
     reading.progress("reading", 1, 1);
     measure(context, request, &stacks, sink)
@@ -138,6 +142,15 @@ pub fn measure(
         grade: Some(measured.report.grade),
     });
     Ok(JobOutput { outcome, warnings, profile: draft.map(Box::new), files })
+}
+
+/// The archive of a stored stack, in the order of the profile.
+fn stored(stack: &StoredStack, zip: Arc<dyn ReadAt>, limits: &ArchiveLimits) -> Result<StackArchive, Fault> {
+    let archive = archive::open_shared(zip, limits).map_err(|error| {
+        let fault = Fault::from(error);
+        Fault { detail: format!("stack {}: {}", stack.id, fault.detail), ..fault }
+    })?;
+    Ok(if stack.reversed { archive.reversed() } else { archive })
 }
 
 /// Why the profile has no new revision.

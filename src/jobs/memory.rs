@@ -162,7 +162,7 @@ mod tests {
 
     fn calibration(slices: usize, width: u32, bit_depth: u8) -> JobRequest {
         let (options, layout) = (CalibrationOptions::default(), layout(slices, width, bit_depth));
-        JobRequest::Calibration(CalibrationRequest { options, upload: upload(), layout })
+        JobRequest::Calibration(CalibrationRequest { options, upload: upload(), layout, stacks: vec![] })
     }
 
     #[test]

@@ -20,6 +20,8 @@ pub struct JobContext {
     pub profile: Option<Profile>,
     /// The uploaded zip. It may still be on its way to this machine: reading waits.
     pub archive: Arc<dyn ReadAt>,
+    /// The zips of the [other stored stacks](JobRequest::other_stacks) of a calibration.
+    pub others: Vec<Arc<dyn ReadAt>>,
     /// An empty folder for this job alone, on the file system of the blobs. It is removed after the job.
     pub scratch: PathBuf,
     /// When the job was claimed.

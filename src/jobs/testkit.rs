@@ -152,7 +152,7 @@ impl TestJob {
 
     pub(crate) fn calibration(archive: &[u8], options: CalibrationOptions) -> Self {
         Self::prepared(archive, None, |upload, layout| {
-            JobRequest::Calibration(CalibrationRequest { options, upload, layout })
+            JobRequest::Calibration(CalibrationRequest { options, upload, layout, stacks: Vec::new() })
         })
     }
 
@@ -170,7 +170,7 @@ impl TestJob {
         let [rig, lens] = ["rig", "lens"].map(|name| Name::new(name).expect("a name"));
         let job = Job::unqueued(rig, lens, request(upload, layout), Timestamp::UNIX_EPOCH);
         let archive = Arc::new(File::open(path).expect("the zip"));
-        let context = JobContext { job, profile, archive, scratch, started: Instant::now() };
+        let context = JobContext { job, profile, archive, others: Vec::new(), scratch, started: Instant::now() };
         Self { context, _folder: folder }
     }
 }

@@ -27,8 +27,10 @@ impl Executor {
     /// When the job must stop meanwhile, or would not fit if the disk were empty.
     pub(super) async fn reserve_disk(&self, job: &Job, keeper: &LeaseKeeper) -> Result<Reservation, Stopped> {
         let store = &self.deps.store;
-        // a zip that is not on this machine is copied to it
-        let copy = if store.blobs.is_local() { 0 } else { job.request.upload().bytes };
+        // zips that are not on this machine are copied to it
+        let others = job.request.other_stacks().iter().map(|stack| stack.bytes);
+        let copy =
+            if store.blobs.is_local() { 0 } else { others.fold(job.request.upload().bytes, u64::saturating_add) };
         let bytes = self.deps.runner.disk_need(&job.request).saturating_add(copy);
         let mut waits = false;
         loop {

@@ -21,7 +21,7 @@ use crate::{
     contract::{Code, Fault, JobError, Progress, one_line, profile::Profile, request::JobRequest},
     disk_budget::Reservation,
     jobs::{JobContext, JobOutput, ProgressSink},
-    store::{Finish, Job, SpoolFile, StoreError, StoreResult, failpoint::step, gc::gc_job},
+    store::{Finish, Job, SpoolFile, StoreError, StoreResult, blobs::upload_key, failpoint::step, gc::gc_job},
     telemetry::{events, traces},
 };
 use pinstack_science::types::Cancelled;
@@ -112,7 +112,7 @@ impl Executor {
     ) -> Result<Finish, Stopped> {
         let started = Instant::now();
         let _admitted = traces::section("admit", self.admit(job, keeper, gate)).await?;
-        let (profile, archive) = traces::section("fetch input", self.input_of(job, keeper)).await?;
+        let (profile, archive, others) = traces::section("fetch input", self.input_of(job, keeper)).await?;
         step("scratch.make")
             .map_err(|error| internal(StoreError::of_io(error, "cannot create a scratch folder".into())))?;
         let scratch = tempfile::Builder::new()
@@ -123,6 +123,7 @@ impl Executor {
             job: job.clone(),
             profile,
             archive: Arc::new(archive),
+            others: others.into_iter().map(|file| Arc::new(file) as _).collect(),
             scratch: scratch.path().to_owned(),
             started,
         };
@@ -172,12 +173,15 @@ impl Executor {
         }
     }
 
-    /// The profile and the zip. A copy of a large zip takes long: a job that must stop does not wait for its end.
-    async fn input_of(&self, job: &Job, keeper: &LeaseKeeper) -> Result<(Option<Profile>, File), Stopped> {
+    /// The profile and the zips. A copy of a large zip takes long: a job that must stop does not wait for its end.
+    async fn input_of(&self, job: &Job, keeper: &LeaseKeeper) -> Result<(Option<Profile>, File, Vec<File>), Stopped> {
         if !self.deps.store.blobs.is_local() {
             keeper.report(Progress { stage: "reading".into(), ..Progress::default() });
         }
-        let input = async { Ok::<_, Stopped>((self.profile_of(job).await?, self.archive_of(job).await?)) };
+        let input = async {
+            let own = (self.profile_of(job).await?, self.archive_of(job).await?);
+            Ok::<_, Stopped>((own.0, own.1, self.others_of(job).await?))
+        };
         tokio::select! {
             input = input => input,
             () = keeper.stopped() => Err(JobError::Cancelled(Cancelled).into()),
@@ -206,6 +210,25 @@ impl Executor {
         let found = store.blobs.fetch(&job.request.upload().key, &store.workspace).await.map_err(internal)?;
         let missing = || Fault::new(Code::Internal, "the uploaded archive does not exist any more; send it again");
         found.ok_or_else(missing)?.open().await.map_err(internal)
+    }
+
+    /// The zips of the other stored stacks of a calibration.
+    async fn others_of(&self, job: &Job) -> Result<Vec<File>, Stopped> {
+        let store = &self.deps.store;
+        let mut files = Vec::new();
+        for stack in job.request.other_stacks() {
+            let found = store.blobs.fetch(&upload_key(stack.id), &store.workspace).await.map_err(internal)?;
+            let missing = || {
+                let detail = format!(
+                    "the pictures of the stack {} are not stored any more: since the calibration was accepted, the stack was \
+                     deleted, or its zip removed at the end of its retention period; calibrate again without this stack",
+                    stack.id
+                );
+                Fault::new(Code::UploadRemoved, detail)
+            };
+            files.push(found.ok_or_else(missing)?.open().await.map_err(internal)?);
+        }
+        Ok(files)
     }
 
     /// Time until the next claim of a job that failed with an error of the machine: 6 times longer after each attempt,

@@ -283,5 +283,5 @@ fn without_a_target_the_profile_is_made_from_the_pictures() {
     assert!(text.contains("Usable") && text.contains("calibrated_by_stacks"), "{text}");
     assert!(error_px(&folder.join("weave.json")) < 0.6);
     let report = fs::read_to_string(folder.join("weave.html")).expect("a report");
-    assert!(report.contains("none: calibrated from stacks of objects"));
+    assert!(report.contains("Pictures of objects, without a dot target"));
 }

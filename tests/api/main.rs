@@ -37,6 +37,7 @@ mod results;
 mod scans;
 mod service;
 mod stack_input;
+mod stored_stacks;
 mod sub_path;
 mod tiles;
 mod token_command;

@@ -134,7 +134,8 @@ async fn a_calibration_takes_a_stack_or_a_whole_scan_instead_of_a_target() {
     let slices =
         |folder: &'static str| (0..3).map(move |i| (format!("{folder}/img_{i}.png"), png(WIDTH, HEIGHT, 3, i)));
     let scan: Vec<_> = slices("pan000_tilt10").chain(slices("pan020_tilt10")).collect();
-    for body in [stack_zip(3, 3), zip(&scan)] {
+    let with_light: Vec<_> = slices("front").chain(slices("uv")).collect();
+    for body in [stack_zip(3, 3), zip(&scan), zip(&with_light)] {
         let answer = app.post(&format!("{POST}?source=stacks")).body(body).send().await.unwrap();
         assert_eq!(answer.status(), 202);
         let url = answer.headers()["location"].to_str().unwrap().to_owned();

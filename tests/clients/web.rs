@@ -71,6 +71,12 @@ fn a_folder_of_views_becomes_a_scan() {
 
 #[test]
 #[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_folder_of_views_calibrates_a_rig_without_a_target() {
+    scenario("no_target", &with_profile());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn an_upload_goes_on_after_a_cut_line_and_after_the_page_was_closed() {
     scenario("cut", &with_profile());
 }

@@ -90,7 +90,11 @@ def calls(client: Client, folder: Path) -> Dict[str, Callable[[], Any]]:
         "delete_profile": lambda: client.delete_profile("rig", "lens"),
         "export_profile": lambda: client.export_profile("rig", "lens", format="npz", revision=2),
         "homographies": lambda: client.homographies("rig", "lens", 2),
-        "calibrate": lambda: client.calibrate("rig", "lens", ZIP, focal_mm=65),
+        "calibrate": lambda: (
+            client.calibrate("rig", "lens", ZIP, focal_mm=65),
+            client.calibrate("rig", "lens", stacks=[ID, JOB], rail_step_mm=0.5),
+            client.calibrate("rig", "lens", scan="s"),
+        ),
         "list_calibrations": lambda: client.list_calibrations(rig="rig", lens="lens", state="failed"),
         "get_calibration": lambda: client.get_calibration(ID),
         "calibration_report": lambda: client.calibration_report(ID),

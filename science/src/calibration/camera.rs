@@ -124,6 +124,9 @@ fn detail(source: PrincipalDistanceSource, options: &CalibrationOptions, known: 
         Source::FocalLength => {
             format!("rough: from focal_mm as specified, which nothing checks; give pupil_ratio, or better {MOVE}")
         }
+        Source::Unknown if known.pitch_px[0] <= 0.0 => {
+            "not known: only a dot target of known pitch measures it, with pixel_pitch_mm and rail_step_mm".into()
+        }
         Source::Unknown if measured.magnification.is_none() => {
             "not known: give target_pitch_mm and pixel_pitch_mm, and rail_step_mm or rail_positions_mm".into()
         }

@@ -73,7 +73,8 @@ pub(in crate::cli) fn context(
         None => (unnamed()?, unnamed()?),
     };
     let job = Job::unqueued(rig, lens, request, Timestamp::now());
-    Ok(JobContext { job, profile, archive, scratch: scratch.to_owned(), started: Instant::now() })
+    let (others, scratch, started) = (Vec::new(), scratch.to_owned(), Instant::now());
+    Ok(JobContext { job, profile, archive, others, scratch, started })
 }
 
 /// The name of a rig or lens that has none.

@@ -4,13 +4,14 @@ use axum::{extract::State, response::Response};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
+use super::stored::{self, StoredStacks};
 use crate::{
     contract::{Code, JobKind},
     http::{
         ApiError, ApiResult, App,
         auth::Caller,
         extract::{ProfileKey, Sent},
-        ingest::{fields::Fields, request::IngestRequest},
+        ingest::{body::media_type, fields::Fields, request::IngestRequest},
         views::Calibration,
     },
 };
@@ -32,8 +33,9 @@ pub struct CalibrationForm {
 ///
 /// The body is a zip with one image of the dot target per rail position, as the whole body or as the part `stack` of a
 /// form. With `source=stacks` it is a zip of an ordinary stack, or of all views of a scan in the layout of
-/// `PUT /v1/scans/{scan}/archive`: the slices are then aligned by what they show. When the calibration succeeds, its
-/// homographies and gains become the next revision of the profile.
+/// `PUT /v1/scans/{scan}/archive`: the slices are then aligned by what they show. Stacks or a scan whose zips are
+/// stored need not be sent again: a JSON body names them. When the calibration succeeds, its homographies and gains
+/// become the next revision of the profile.
 ///
 /// A folder `moved` of the zip has one image of the same target after it was moved by `target_advance_mm`, with the
 /// rail where it was for the reference slice, or one per rail position. It measures the principal distance whatever
@@ -49,17 +51,20 @@ pub struct CalibrationForm {
         ("Idempotency-Key" = Option<String>, Header, description = "A request that repeats an earlier one with the same key gets the calibration of the first"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 50) for the job to end"),
     ),
-    request_body(description = "The zip, as the whole body or in a form", content(
+    request_body(description = "The zip, as the whole body or in a form; with `source=stacks` also names of stored stacks", content(
         (Vec<u8> = "application/zip"),
         (Vec<u8> = "application/octet-stream"),
         (CalibrationForm = "multipart/form-data"),
+        (StoredStacks = "application/json"),
     )),
     responses(
         (status = 200, description = "The calibration has ended within the time of `Prefer: wait`", body = Calibration),
         (status = 202, description = "The calibration is accepted (with `Idempotency-Replayed: true`: by an earlier request)", body = Calibration, headers(("Location" = String, description = "URL of the calibration"))),
         (status = 400, description = "`invalid_request`: an invalid name or parameter; `upload_incomplete`: the connection closed or timed out before the end of the body"),
-        (status = 413, description = "`upload_too_large`: the body exceeds the limit"),
-        (status = 415, description = "`unsupported_media_type`: neither a zip nor a form"),
+        (status = 404, description = "`not_found`: no such stack; `scan_not_found`"),
+        (status = 410, description = "`upload_removed`: the zip of a stored stack was removed at the end of its retention period"),
+        (status = 413, description = "`upload_too_large`: the body exceeds the limit, or storing a shared zip takes longer than 50 minutes"),
+        (status = 415, description = "`unsupported_media_type`: neither a zip, a form nor JSON"),
         (status = 422, description = "`invalid_archive`, `unsupported_archive`, `archive_too_large`, `invalid_image`, `size_mismatch`, \
             `slice_count_mismatch`, `idempotency_key_reused`"),
         (status = 503, description = "`queue_full`, with `Retry-After`"),
@@ -76,6 +81,9 @@ pub async fn create(State(app): State<App>, caller: Caller, key: ProfileKey, sen
     }
     fields.set("rig", key.rig.to_string());
     fields.set("lens", key.lens.to_string());
+    if media_type(&sent.headers).is_some_and(|kind| kind == "application/json") {
+        return stored::create(&app, &caller, &fields, sent).await;
+    }
     let request = IngestRequest::begin(&app, &caller, &sent.headers).await?;
     let (submission, zip) = request.receive(&JobKind::Calibration, fields, sent.body).await?;
     let calibration = request.submit(submission, zip).await?;

@@ -3,3 +3,4 @@
 pub mod create;
 pub mod overlay;
 pub mod report;
+pub mod stored;

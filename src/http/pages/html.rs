@@ -73,13 +73,15 @@ pub(super) fn at(value: f64) -> String {
 }
 
 /// A table in a box that scrolls sideways on a narrow screen. `heads` and cells are HTML; each row has a class, which
-/// may be empty.
+/// may be empty. A column in which every row has the dash of [`maybe`] is omitted.
 pub(super) fn table(label: &str, heads: &[&str], rows: &[(&str, Vec<String>)]) -> String {
-    let head: String = heads.iter().map(|head| format!("<th scope=\"col\">{head}</th>")).collect();
+    let is_shown = |column: &usize| rows.iter().any(|(_, cells)| cells.get(*column).is_some_and(|cell| cell != "–"));
+    let shown: Vec<usize> = (0..heads.len()).filter(is_shown).collect();
+    let head: String = shown.iter().map(|&column| format!("<th scope=\"col\">{}</th>", heads[column])).collect();
     let body: String = rows
         .iter()
         .map(|(class, cells)| {
-            let cells: String = cells.iter().map(|cell| format!("<td>{cell}</td>")).collect();
+            let cells: String = shown.iter().map(|&column| format!("<td>{}</td>", cells[column])).collect();
             match class.is_empty() {
                 true => format!("<tr>{cells}</tr>\n"),
                 false => format!("<tr class=\"{class}\">{cells}</tr>\n"),

@@ -70,6 +70,7 @@ fn purpose(user: &PageUser) -> Markup {
                 }
                 @if user.profiles {
                     label.check { input type="radio" name="purpose" value="calibration" checked[!user.stacks]; "A calibration: a dot target" }
+                    label.check { input type="radio" name="purpose" value="no_target"; "A calibration: I have no target" }
                 }
             }
         }
@@ -98,8 +99,8 @@ fn camera(keys: &[(Name, Name)]) -> Markup {
                     input id="lens" name="lens" list="lenses" required autocomplete="off" spellcheck="false" value=[only(&lenses)];
                     datalist id="lenses" { @for lens in &lenses { option value=(lens) {} } }
                 }
-                @for (name, label) in CALIBRATION {
-                    div.short data-for="calibration" hidden {
+                @for (name, label, purposes) in CALIBRATION {
+                    div.short data-for=(purposes) hidden {
                         label for=(name) { (label) }
                         input id=(name) name=(name) autocomplete="off";
                     }
@@ -110,6 +111,12 @@ fn camera(keys: &[(Name, Name)]) -> Markup {
                  the principal distance. If it moves the sensor or the lens alone, take one more picture at the reference \
                  slice, with the target nearer to the lens: put it into a folder " code { "moved" } " beside the slices (or \
                  give the id of a calibration with the target nearer), and say by how much it was nearer."
+            }
+            p.hint data-for="no_target" hidden {
+                "Choose a stack, or a folder with the stacks of several views, that this camera took at one setting and at the \
+                 same rail positions. The slices are aligned by what they show, so the objects need fine detail up to the \
+                 corners; several views measure better than one. Pixel pitch and rail step (towards the object) may stay \
+                 empty. The result is less certain than that of a dot target, and its report says by how much."
             }
             figure.moved data-for="calibration" hidden { (PreEscaped(MOVED)) }
         }
@@ -127,14 +134,14 @@ const MOVED: &str = concat!(
     "<text x=\"306\" y=\"16\">nearer by</text></svg>"
 );
 
-/// The options of a calibration that the form has: name and label.
-const CALIBRATION: [(&str, &str); 6] = [
-    ("target_pitch_mm", "Dot pitch, mm"),
-    ("pixel_pitch_mm", "Pixel pitch, mm"),
-    ("rail_step_mm", "Rail step, mm"),
-    ("pupil_ratio", "Pupil ratio"),
-    ("target_advance_mm", "Target nearer by, mm"),
-    ("moved_target", "Calibration with it nearer"),
+/// The options of a calibration that the form has: name, label, and the purposes that have it.
+const CALIBRATION: [(&str, &str, &str); 6] = [
+    ("target_pitch_mm", "Dot pitch, mm", "calibration"),
+    ("pixel_pitch_mm", "Pixel pitch, mm", "calibration no_target"),
+    ("rail_step_mm", "Rail step, mm", "calibration no_target"),
+    ("pupil_ratio", "Pupil ratio", "calibration"),
+    ("target_advance_mm", "Target nearer by, mm", "calibration"),
+    ("moved_target", "Calibration with it nearer", "calibration"),
 ];
 
 fn view(scans: &[(Name, Name, Name)]) -> Markup {

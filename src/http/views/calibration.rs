@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+use uuid::Uuid;
 
 use super::job::{ArtifactView, JobView, profile_url, url};
 use crate::{
@@ -19,7 +20,7 @@ use pinstack_science::types::{
     stack_layout::StackLayout,
 };
 
-/// A dot-target stack and the profile that was measured from it.
+/// A dot target, or stacks, and the profile that was measured from them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Calibration {
     /// State and progress of the job.
@@ -29,6 +30,8 @@ pub struct Calibration {
     pub options: CalibrationOptions,
     /// The slices in the order in which they are used.
     pub slices: StackLayout,
+    /// The stored stacks whose pictures it uses, by their ids; empty if the pictures were sent.
+    pub stacks: Vec<Uuid>,
     /// What was measured; null until the calibration has succeeded.
     pub result: Option<CalibrationResult>,
     /// The pictures that were made; empty until the calibration has succeeded.
@@ -134,6 +137,7 @@ impl Calibration {
             job: JobView::of(job),
             options: request.options.clone(),
             slices: request.layout.clone(),
+            stacks: request.stacks.iter().map(|stack| stack.id).collect(),
             result,
             artifacts,
             links,

@@ -146,7 +146,8 @@ pub fn stack() -> NewJob {
 
 pub fn calibration() -> NewJob {
     let options = CalibrationOptions::default();
-    let request = JobRequest::Calibration(CalibrationRequest { options, upload: upload(), layout: layout() });
+    let request =
+        JobRequest::Calibration(CalibrationRequest { options, upload: upload(), layout: layout(), stacks: vec![] });
     NewJob { request, ..stack() }
 }
 

@@ -43,7 +43,7 @@ worker_test! {
         stage.deps.runner = Arc::new(ScienceRunner::default());
         let _pool = Pool::start(stage.deps.clone(), Config { workers: 2, ..Config::default() });
         let calibration = accept_archive(&stage.deps, &testkit::target_zip(), |upload, layout| {
-            JobRequest::Calibration(CalibrationRequest { options: Default::default(), upload, layout })
+            JobRequest::Calibration(CalibrationRequest { options: Default::default(), upload, layout, stacks: vec![] })
         })
         .await;
         let ended = stage.ended(calibration).await;

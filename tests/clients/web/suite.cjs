@@ -111,6 +111,26 @@ const scenarios = {
     page.settled();
   },
 
+  // without a dot target, a folder of views calibrates the rig
+  async no_target(browser) {
+    const page = await opened(browser);
+    await describe(page, 'new');
+    await page.check('input[value=no_target]');
+    assert.deepEqual(await page.locator('[data-for]:visible label').allTextContents(), ['Pixel pitch, mm', 'Rail step, mm']);
+    await page.fill('#rail_step_mm', '0,5');
+    await page.setInputFiles('#folder', path.join(folder, 'views'));
+    await page.waitForSelector('#chosen table');
+    await send(page);
+    await page.click('text=See the calibration');
+    await done(page);
+    const { items: [{ options, result }] } = await (await fetch(`${base}/v1/calibrations?rig=new`)).json();
+    assert.deepEqual([options.source, options.rail_step_mm], ['stacks', 0.5]);
+    assert.match(result.verdict, /from 2 stacks/);
+    await page.click('text=Open the report');
+    assert.match(await page.textContent('dl'), /Pictures of objects, without a dot target/);
+    page.settled();
+  },
+
   // the line is cut in the middle of an upload, and the page is closed in the middle of another
   async cut(browser) {
     const bytes = fs.readFileSync(zip);

@@ -122,9 +122,11 @@ class Client:
         self,
         rig: str,
         lens: str,
-        target: Sendable,
+        target: Optional[Sendable] = None,
         *,
         moved: Union[PathLike, Sequence[PathLike], None] = None,
+        stacks: Optional[Sequence[Reference]] = None,
+        scan: Optional[str] = None,
         on_bytes: Optional[OnBytes] = None,
         on_progress: Optional[OnProgress] = None,
         timeout_s: Optional[float] = None,
@@ -132,17 +134,27 @@ class Client:
     ) -> models.Calibration:
         """Calibrates a rig and lens from photographs of a dot target, and waits for the result.
 
+        Without a target, with ``source="stacks"``, ``target`` is a stack or the folders of several views, or ``stacks``
+        or ``scan`` name pictures that the service has already.
+
         Args:
             target: a zip, a folder or a list of the slices.
             moved: the same target nearer to the lens by ``target_advance_mm``, which measures the camera: one picture
                 with the rail where it was for the reference slice, or a folder or list with one for each slice. In a
                 zip or folder ``target`` it may be the folder ``moved`` instead.
+            stacks: stored stacks of this rig, instead of ``target``: their pictures are not sent again.
+            scan: a stored scan, instead of ``target``.
             on_bytes: called with bytes sent and their total.
             on_progress: called with the progress of the job.
             timeout_s: longest time to wait for the job after the upload, seconds; default: no limit.
             options: ``focal_mm``, ``pixel_pitch_mm``, ``target_pitch_mm``, ... of ``models.CalibrationOptions``.
         """
-        operation = self._do.calibrate(rig, lens, target, moved, options, on_bytes, on_progress, timeout_s)
+        if target is not None and stacks is None and scan is None:
+            operation = self._do.calibrate(rig, lens, target, moved, options, on_bytes, on_progress, timeout_s)
+        elif target is None and moved is None:
+            operation = self._do.calibrate_stored(rig, lens, stacks, scan, options, on_progress, timeout_s)
+        else:
+            raise ValueError("give target, stacks or scan")
         return self._transport.run(operation)
 
     def list_calibrations(

@@ -104,6 +104,18 @@ class Operations:
         at = yield from self.upload(sent, values, on_bytes, None, None)
         return (yield from self.wait(at, on_progress, timeout_s, True))
 
+    def calibrate_stored(
+        self, rig: str, lens: str, stacks: Optional[Sequence[Reference]], scan: Optional[str],
+        options: Mapping[str, Any], on_progress: Optional[_events.OnProgress], timeout_s: Optional[float],
+    ) -> Operation[Any]:  # fmt: skip
+        ids = None if stacks is None else [job_path(stack).rsplit("/", 1)[-1] for stack in stacks]
+        named = {name: value for name, value in (("stacks", ids), ("scan", scan)) if value is not None}
+        body, kind = json_body(named)
+        at = path("v1", "profiles", rig, lens, "calibrations")
+        request = Request("POST", at, query(**{"source": "stacks", **options}), kind, body)
+        job = (yield from send(request, self.retry)).json()
+        return (yield from self.wait(path("v1", "calibrations", job["id"]), on_progress, timeout_s, True))
+
     # -- stacks --------------------------------------------------------------------------------------------------------
 
     def upload(

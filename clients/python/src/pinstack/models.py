@@ -159,13 +159,14 @@ class JobView(TypedDict):
 
 
 class Calibration(JobView):
-    """A dot-target stack and the profile that was measured from it."""
+    """A dot target, or stacks, and the profile that was measured from them."""
 
     artifacts: List[ArtifactView]
     links: CalibrationLinks
     options: CalibrationOptions
     result: NotRequired[Optional[CalibrationResult]]
     slices: StackLayout
+    stacks: List[str]
 
 
 class CalibrationLinks(TypedDict):

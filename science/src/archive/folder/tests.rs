@@ -165,7 +165,12 @@ fn each_view_of_a_scan_is_a_zip_of_its_own() {
 
 #[test]
 fn folders_of_views_are_told_from_those_of_one_stack() {
-    for (names, is_scan) in [
+    let more = [
+        (vec!["front/1.png", "uv/1.png", "left/1.png"], false),
+        (vec!["bee/front/1.png", "bee/uv/1.png", "bee/left/1.png"], false),
+        (vec!["a/front/1.png", "a/uv/1.png", "b/front/1.png", "b/uv/1.png"], true),
+    ];
+    let two = [
         (["1.png", "2.png"], false),
         (["front/1.png", "back/1.png"], false),
         (["bee/front/1.png", "bee/back/1.png"], false),
@@ -176,7 +181,8 @@ fn folders_of_views_are_told_from_those_of_one_stack() {
         (["a/front/1.png", "b/front/1.png"], true),
         (["front/a/1.png", "front/b/1.png"], true),
         (["front/a/1.png", "back/a/1.png"], false),
-    ] {
+    ];
+    for (names, is_scan) in more.into_iter().chain(two.map(|(names, is_scan)| (names.to_vec(), is_scan))) {
         let folder = folder(&names);
         let listed = Folder::list(folder.path()).unwrap();
         assert_eq!(holds_scan(Arc::new(listed.names()), &ArchiveLimits::scan()).unwrap(), is_scan, "{names:?}");

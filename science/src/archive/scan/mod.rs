@@ -96,8 +96,9 @@ pub fn open_scan_shared(zip: Arc<dyn ReadAt>, limits: &ArchiveLimits, rules: &Sc
     grouped(Container::open(zip, limits)?, limits, rules)
 }
 
-/// Whether the pictures of a zip are in several folders that stand for no light, as the views of a scan are. Of a scan
-/// whose file names tell the views apart it is false: that may be one stack.
+/// Whether the pictures of a zip are in several folders that stand for no light, as the views of a scan are. Folders
+/// beside one of a front light are further lights. Of a scan whose file names tell the views apart it is false: that may
+/// be one stack.
 ///
 /// # Errors
 /// As [`open_scan`] for a zip that cannot be read, and for names that are refused.
@@ -105,12 +106,19 @@ pub fn holds_scan(zip: Arc<dyn ReadAt>, limits: &ArchiveLimits) -> Result<bool, 
     let container = Container::open(zip, limits)?;
     let (split, _) = layout::split_with_raw(layout::checked_members(&container, &mut Vec::new())?);
     let (pictures, _) = layout::unwrapped(moved_target::split(split.pictures)?.0);
-    let view = |inner: &str| {
-        let (folders, _) = inner.rsplit_once('/')?;
-        let names = folders.split('/').filter(|name| Light::of_folder(name).is_none());
-        Some(names.map(folded).collect::<Vec<_>>()).filter(|names| !names.is_empty())
+    let folders = pictures.iter().filter_map(|picture| picture.inner.rsplit_once('/'));
+    let folders: BTreeSet<Vec<String>> = folders.map(|(all, _)| all.split('/').map(folded).collect()).collect();
+    let with_front: BTreeSet<&[String]> = folders
+        .iter()
+        .filter_map(|all| all.split_last().filter(|(last, _)| Light::of_folder(last) == Some(Light::Front)))
+        .map(|(_, outside)| outside)
+        .collect();
+    let view = |all: &'_ Vec<String>| {
+        let outside = all.split_last().map(|(_, outside)| outside).filter(|outside| with_front.contains(outside));
+        let names = outside.unwrap_or(all).iter().filter(|name| Light::of_folder(name).is_none()).cloned();
+        Some(names.collect::<Vec<_>>()).filter(|names| !names.is_empty())
     };
-    Ok(pictures.iter().filter_map(|picture| view(&picture.inner)).collect::<BTreeSet<_>>().len() > 1)
+    Ok(folders.iter().filter_map(view).collect::<BTreeSet<_>>().len() > 1)
 }
 
 /// The stack of a zip, or the stacks of the scan that it holds, by [`holds_scan`].

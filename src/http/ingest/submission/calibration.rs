@@ -1,4 +1,4 @@
-//! The submission of a dot target: calibration options, the profile that the result replaces, and the calibration with
+//! The submission of a calibration: calibration options, the profile that the result replaces, and the calibration with
 //! the target moved.
 
 use uuid::Uuid;
@@ -8,7 +8,7 @@ use crate::{
         Code, Fault, Name,
         outcome::JobOutcome,
         ranges::check_calibration,
-        request::{CalibrationRequest, Upload},
+        request::{CalibrationRequest, StoredStack, Upload},
     },
     http::{ApiError, ApiResult, App, extract::path::name, ingest::fields::Fields},
 };
@@ -20,7 +20,7 @@ use pinstack_science::types::{
     stack_layout::StackLayout,
 };
 
-/// A dot-target stack to calibrate from.
+/// A dot target, or stacks, to calibrate from.
 pub struct CalibrationSubmission {
     rig: Name,
     lens: Name,
@@ -29,6 +29,8 @@ pub struct CalibrationSubmission {
     current: Option<CurrentProfile>,
     /// The calibration with the target moved.
     moved: Option<MovedTarget>,
+    /// The stored stacks whose pictures it uses.
+    stacks: Vec<StoredStack>,
 }
 
 /// The profile that exists before the calibration.
@@ -73,7 +75,15 @@ impl MovedTarget {
 }
 
 impl CalibrationSubmission {
-    pub(super) async fn read(app: &App, fields: &Fields) -> ApiResult<Self> {
+    /// The same with the pictures of stored stacks, the first of which is the zip.
+    #[must_use]
+    pub fn with_stacks(self, stacks: Vec<StoredStack>) -> Self {
+        Self { stacks, ..self }
+    }
+
+    /// # Errors
+    /// `invalid_request` that names the field.
+    pub async fn read(app: &App, fields: &Fields) -> ApiResult<Self> {
         let named = |what: &str| name(what, fields.get(what).unwrap_or_default().to_owned());
         let (rig, lens) = (named("rig")?, named("lens")?);
         let mut options: CalibrationOptions = fields.options()?;
@@ -88,7 +98,7 @@ impl CalibrationSubmission {
         let current = app.store.metadata.profile(&rig, &lens, None).await?;
         let current =
             current.map(|p| CurrentProfile { size: (p.input.image_width, p.input.image_height), revision: p.revision });
-        Ok(Self { rig, lens, options, current, moved })
+        Ok(Self { rig, lens, options, current, moved, stacks: Vec::new() })
     }
 
     /// A submission for a profile that does not exist yet, without another calibration of the moved target.
@@ -97,7 +107,7 @@ impl CalibrationSubmission {
     /// `invalid_request` for options that break a rule.
     pub fn new(rig: Name, lens: Name, options: CalibrationOptions) -> Result<Self, Fault> {
         check_calibration(&options)?;
-        Ok(Self { rig, lens, options, current: None, moved: None })
+        Ok(Self { rig, lens, options, current: None, moved: None, stacks: Vec::new() })
     }
 
     pub(super) fn profile_key(&self) -> (&Name, &Name) {
@@ -105,12 +115,21 @@ impl CalibrationSubmission {
     }
 
     pub(super) fn fingerprint_input(&self) -> serde_json::Value {
-        serde_json::json!({ "rig": self.rig, "lens": self.lens, "options": self.options })
+        let mut input = serde_json::json!({ "rig": self.rig, "lens": self.lens, "options": self.options });
+        if !self.stacks.is_empty() {
+            input["stacks"] = self.stacks.iter().map(|stack| stack.id.to_string()).collect();
+        }
+        input
     }
 
-    /// Whether the zip has stacks of objects.
-    pub(super) fn is_by_stacks(&self) -> bool {
+    /// Whether the pictures are of objects.
+    pub fn is_by_stacks(&self) -> bool {
         self.options.source == CalibrationSource::Stacks
+    }
+
+    /// Whether the zip may be that of a scan: not if it is that of a stored stack.
+    pub(super) fn may_be_scan(&self) -> bool {
+        self.is_by_stacks() && self.stacks.is_empty()
     }
 
     /// Checks the contents of the zip and builds the request that the row of the job keeps.
@@ -125,12 +144,17 @@ impl CalibrationSubmission {
                 format!("{} back-light slices are ignored: a calibration uses the front light only", layout.back.len());
             warnings.push(Warning::new(WarningCode::BackLightIgnored, detail));
         }
-        let layout = StackLayout { back: Vec::new(), ..layout };
-        Ok((CalibrationRequest { options: self.options.clone(), upload, layout }, warnings))
+        let is_reversed = self.stacks.first().is_some_and(|first| first.reversed);
+        let layout = if is_reversed { layout.reversed() } else { layout };
+        let layout = StackLayout { back: Vec::new(), lights: Vec::new(), ..layout };
+        let (options, stacks) = (self.options.clone(), self.stacks.clone());
+        Ok((CalibrationRequest { options, upload, layout, stacks }, warnings))
     }
 
     fn check(&self, layout: &StackLayout) -> Result<(), Fault> {
-        if let Some(light) = layout.lights.first() {
+        if let Some(light) = layout.lights.first()
+            && !self.is_by_stacks()
+        {
             let detail = format!(
                 "the zip has a folder {} beside front/; a calibration has the slices of the target in front/, and those of \
                  a moved target in moved/: remove the folder",

@@ -1,4 +1,4 @@
-//! What a zip is submitted for: a stack to fuse, or a dot target to calibrate from.
+//! What a zip is submitted for: a stack to fuse, or a dot target or stacks to calibrate from.
 //!
 //! In: the fields of a request. Out: checked names and options with the profile they refer to, before any byte of the
 //! zip is read; later the request of the job, checked against the contents of the zip.
@@ -24,7 +24,7 @@ use crate::{
 pub enum Submission {
     /// A stack to fuse.
     Stack(Box<StackSubmission>),
-    /// A dot target to calibrate from.
+    /// A dot target, or stacks, to calibrate from.
     Calibration(Box<CalibrationSubmission>),
 }
 
@@ -67,7 +67,7 @@ impl Submission {
     pub fn may_be_scan(&self) -> bool {
         match self {
             Self::Stack(_) => false,
-            Self::Calibration(calibration) => calibration.is_by_stacks(),
+            Self::Calibration(calibration) => calibration.may_be_scan(),
         }
     }
 

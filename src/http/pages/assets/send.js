@@ -114,6 +114,10 @@ function described() {
   }
   const scan = value('scan');
   const metadata = { rig: value('rig'), lens: value('lens'), purpose: purpose() };
+  if (purpose() === 'no_target') {
+    metadata.purpose = 'calibration';
+    options.source = 'stacks';
+  }
   if (purpose() === 'scan') metadata.scan = scan;
   else if (scan && purpose() === 'stack') options.scan = scan;
   if (Object.keys(options).length) metadata.options = JSON.stringify(options);

@@ -1,9 +1,9 @@
-//! The list of facts (target, model, capture mode, camera, rail) and the table of transform models.
+//! The list of facts (target or stacks, model, capture mode, camera, rail) and the table of transform models.
 
 use super::html::{escape, maybe, number, sentence, significant, table};
 use pinstack_science::types::{
     profile::{CaptureMode, HomographyModel},
-    report::{CalibrationReport, CameraReport, RailReport},
+    report::{CalibrationReport, CameraReport, TargetReport},
 };
 
 /// Least distance of a slice from its rail position that is stated: steps or mm.
@@ -13,12 +13,12 @@ const NOTICEABLE: f64 = 1e-4;
 pub(super) fn facts(report: &CalibrationReport) -> String {
     let rows = [
         ("Slices", slices(report)),
-        ("Target", target(report)),
+        report.target.as_ref().map_or_else(|| ("Made from", by_stacks(report)), |of| ("Target", target(of))),
         ("Model", format!("{}<small>{}</small>", model(report.model), escape(&sentence(&report.model_reason)))),
         ("What moves", capture(report)),
         ("Principal distance", principal_distance(&report.camera)),
         ("Principal point", principal_point(&report.camera)),
-        ("Rail", rail(report.rail.as_ref())),
+        ("Rail", rail(report)),
     ];
     let rows: String = rows.iter().map(|(what, html)| format!("<dt>{what}</dt><dd>{html}</dd>\n")).collect();
     format!("<section>\n<h2>What was measured</h2>\n<dl class=\"facts\">\n{rows}</dl>\n</section>\n")
@@ -49,11 +49,17 @@ pub(super) fn candidates(report: &CalibrationReport) -> String {
         })
         .collect();
     let heads = ["model", "parameters", "RMS, px", "held-out, px", "BIC", "corner σ, px", ""];
+    let columns = match report.target {
+        Some(_) => {
+            "RMS: residual of the dots used in the fit. Held-out: residual of dots left out of the fit; a model \
+             with too many parameters has a low RMS and a high held-out residual. BIC: Bayesian information criterion, less \
+             is better."
+        }
+        None => "RMS: how far windows of detail lie from where the model maps those of other slices.",
+    };
     format!(
-        "{head}<p>{reason}</p>\n<div class=\"c\">{}</div>\n\
-         <p class=\"hint\">RMS: residual of the dots used in the fit. Held-out: residual of dots left out of the fit; a model \
-         with too many parameters has a low RMS and a high held-out residual. BIC: Bayesian information criterion, less is \
-         better. Corner σ: standard deviation of the worst image corner of the worst slice.</p>\n</section>\n",
+        "{head}<p>{reason}</p>\n<div class=\"c\">{}</div>\n<p class=\"hint\">{columns} Corner σ: standard deviation of the \
+         worst image corner of the worst slice.</p>\n</section>\n",
         table("Transform models", &heads, &rows)
     )
 }
@@ -68,8 +74,19 @@ fn slices(report: &CalibrationReport) -> String {
     )
 }
 
-fn target(report: &CalibrationReport) -> String {
-    let Some(target) = &report.target else { return "none: calibrated from stacks of objects".to_owned() };
+/// What a calibration without a target is, and what its uncertainty means.
+fn by_stacks(report: &CalibrationReport) -> String {
+    let worst = report.slices.iter().map(|slice| slice.corner_sigma_px).fold(0.0, f64::max);
+    format!(
+        "Pictures of objects, without a dot target<small>Slices were aligned by the detail that they share. The standard \
+         deviation of the worst image corner is {} px: expect every slice to lie on the others within three times that. It is \
+         largest where the objects show no detail; more views, with detail up to the corners, make it \
+         smaller.</small>",
+        number(worst, 2)
+    )
+}
+
+fn target(target: &TargetReport) -> String {
     let kind = if target.bright_dots { "bright dots on dark" } else { "dark dots on bright" };
     let rows = if target.asymmetric { ", every other row shifted by half a step" } else { "" };
     let pitch = target.pitch_mm.map(|mm| format!(" = {} mm", significant(mm, 4))).unwrap_or_default();
@@ -142,8 +159,8 @@ fn principal_point(camera: &CameraReport) -> String {
     }
 }
 
-fn rail(rail: Option<&RailReport>) -> String {
-    let Some(rail) = rail else {
+fn rail(report: &CalibrationReport) -> String {
+    let Some(rail) = &report.rail else {
         return "No rail law was fitted<small>A fit needs at least four measured slices.</small>".to_owned();
     };
     let (step, unit) = if rail.in_mm { ("mm", " mm") } else { ("slice", " of a step") };
@@ -166,11 +183,14 @@ fn rail(rail: Option<&RailReport>) -> String {
         }
         None => String::new(),
     };
-    format!(
-        "The image grows by {} % per {step}; {fixed}<small>The slices fit the rail law to {} px RMS at the corners{farthest}.</small>",
-        significant(100.0 * rail.growth, 4),
-        number(rail.corner_rms_px, 3),
-    )
+    let fit = match report.target {
+        Some(_) => format!(
+            "<small>The slices fit the rail law to {} px RMS at the corners{farthest}.</small>",
+            number(rail.corner_rms_px, 3)
+        ),
+        None => String::new(),
+    };
+    format!("The image grows by {} % per {step}; {fixed}{fit}", significant(100.0 * rail.growth, 4))
 }
 
 fn mode(mode: CaptureMode) -> &'static str {

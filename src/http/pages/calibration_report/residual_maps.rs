@@ -25,10 +25,10 @@ const ARROW: f64 = 15.0;
 /// Longest arrow, SVG units; longer ones are cut off and have no head.
 const MAX_ARROW: f64 = 42.0;
 
-/// The section with the maps.
+/// The section with the maps; nothing for a calibration without a target.
 pub(super) fn residual_maps(report: &CalibrationReport) -> String {
     let slices = &report.slices;
-    if slices.is_empty() || report.width < 2 || report.height < 2 {
+    if report.target.is_none() || slices.is_empty() || report.width < 2 || report.height < 2 {
         return String::new();
     }
     let frame = Frame::of(report);

@@ -28,7 +28,7 @@ pub(super) fn slice_table(report: &CalibrationReport) -> String {
         .slices
         .iter()
         .enumerate()
-        .map(|(i, slice)| row(i, slice, i == report.reference_index as usize))
+        .map(|(i, slice)| row(i, slice, i == report.reference_index as usize, report.target.is_some()))
         .collect();
     format!(
         "<section>\n<h2>All values</h2>\n<div class=\"l\">{}</div>\n</section>\n",
@@ -36,7 +36,7 @@ pub(super) fn slice_table(report: &CalibrationReport) -> String {
     )
 }
 
-fn row(index: usize, slice: &SliceReport, is_reference: bool) -> (&'static str, Vec<String>) {
+fn row(index: usize, slice: &SliceReport, is_reference: bool, has_dots: bool) -> (&'static str, Vec<String>) {
     let (class, how) = match (is_reference, slice.interpolated) {
         (true, _) => ("", "reference"),
         (false, true) => ("guess", "interpolated"),
@@ -56,8 +56,8 @@ fn row(index: usize, slice: &SliceReport, is_reference: bool) -> (&'static str, 
         maybe(slice.contrast, 2),
         number(slice.gain, 4),
         maybe(slice.clipped.map(|share| 100.0 * share), 1),
-        slice.dots_found.to_string(),
-        slice.inliers.to_string(),
+        maybe(has_dots.then_some(slice.dots_found.into()), 0),
+        maybe(has_dots.then_some(slice.inliers.into()), 0),
         maybe(slice.rms_px, 3),
         number(slice.corner_sigma_px, 3),
     ];

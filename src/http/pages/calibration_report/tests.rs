@@ -145,6 +145,32 @@ fn a_report_with_missing_values_is_still_a_valid_page() {
 }
 
 #[test]
+fn a_report_without_a_target_says_what_it_is_and_nothing_of_dots() {
+    let mut report = testkit::report(5);
+    report.target = None;
+    report.verdict = "Usable: calibrated from 2 stacks of the object itself".into();
+    report.model_reason = "it is the simplest".into();
+    report.findings.clear();
+    for candidate in &mut report.candidates {
+        (candidate.held_out_px, candidate.bic) = (None, None);
+    }
+    for slice in &mut report.slices {
+        (slice.dots, slice.dots_found, slice.inliers, slice.interpolated) = (Vec::new(), 0, 0, false);
+        (slice.law_scale, slice.law_shift_px, slice.off_law_px, slice.blur_radius_px) = (None, None, None, None);
+        (slice.contrast, slice.clipped, slice.corner_sigma_px) = (None, None, 0.25);
+        slice.rms_px = Some(0.5);
+    }
+    let html = page(&SUBJECT, &report, None);
+    check_tags(&html);
+    assert!(html.contains("<dt>Made from</dt>") && html.contains("worst image corner is 0.25 px: expect"));
+    for gone in ["dots", "Target", "Residuals", "interpolated", "rail law", "limit", "held-out", "BIC", "Blur", ">–<"]
+    {
+        assert!(!html.replace(STYLE, "").contains(gone), "{gone}");
+    }
+    assert_eq!(count(&html, "<figure>"), 4, "scale, shift, gain and uncertainty");
+}
+
+#[test]
 fn sixty_slices_fit_in_two_megabytes_and_a_thousand_do_not_make_it_ten() {
     let html = page(&SUBJECT, &testkit::report(60), Some(&testkit::drift(60, 0.5)));
     assert!(html.len() < 2_000_000, "{} bytes", html.len());
