@@ -8,7 +8,7 @@ use pinstack_science::synth::Rig;
 fn a_killed_server_resumes_its_jobs_after_a_restart() {
     let mut server = Server::start();
     // Large enough to be caught at work.
-    let rig = Rig::sized(1200, 800, 6);
+    let rig = Rig::sized(900, 600, 4);
     let zip = server.folder.path().join("stack.zip");
     write_stack_of(&rig, &zip);
     server.put_profile(&rig);

@@ -8,7 +8,7 @@ mod pooled;
 #[allow(dead_code, reason = "the bench of poses uses more of it")]
 mod setup;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
@@ -24,6 +24,16 @@ const SLICES: usize = 7;
 const TILTS: [f64; 2] = [0.0, 8.0];
 /// Half of the circle is photographed: with two tilts 18 views, a third of the comparison.
 const ARC_DEG: f64 = 180.0;
+/// The part of the circle of the shorter test: 8 views.
+const PART_DEG: f64 = 80.0;
+/// STD of the radius with fused pictures of this part, % of the radius, at most. Found are 0.020 % (`cargo test --test
+/// clients scan::colmap_finds -- --ignored --nocapture`). The standard deviation of the logarithm between equally good
+/// pictures is 0.5 with 8 views, by the numbers below, so the bound is 2.5 of them above. Slices that are not aligned
+/// give 4 to 9 times as much.
+const PART_PERCENT: f64 = 0.07;
+
+/// STD of the radius with ideal pictures, % of the radius, at most.
+const IDEAL_PERCENT: f64 = 0.05;
 
 /// Observations with a larger error of reprojection are left out, px. With COLMAP's own limit of 4 px a few percent of
 /// wrong matches make up half of all squared errors, also with ideal pictures, and hide what fusion does.
@@ -41,35 +51,52 @@ const LIMIT_PX: f64 = 1.0;
 const MEAN_FACTOR: f64 = 1.8;
 const FACTOR: f64 = 2.7;
 
-#[test]
-#[ignore = "needs curl, colmap"]
-fn colmap_finds_the_poses_of_a_fused_scan_as_exactly_as_those_of_ideal_pictures() {
-    let mut setup = Setup::new(WIDTH, SLICES, PANS, &TILTS, 1);
-    setup.views.retain(|view| view.pan_deg < ARC_DEG);
+/// A server with a calibrated rig that has fused these views, and its bundle for COLMAP, unpacked.
+fn fused_scan(setup: &Setup) -> (Server, PathBuf) {
     let server = Server::start();
     let folder = server.folder.path().to_owned();
     setup.calibrate(&server, &folder);
-    fuse_as_one_zip(&server, &setup, &folder);
-
+    fuse_as_one_zip(&server, setup, &folder);
     let zip = folder.join("bundle.zip");
     server.download(&[], "/v1/scans/beetle/bundle?layout=colmap", &zip);
     let fused = folder.join("fused");
     let file = std::fs::File::open(&zip).expect("the bundle");
     zip::ZipArchive::new(file).expect("a zip").extract(&fused).expect("extracted");
-    let ideal = folder.join("ideal");
-    setup.write_ideal(&ideal, Sharp::Truth);
+    (server, fused)
+}
 
-    let accuracy = |name: &str, folder: &Path| {
-        let poses = reconstruct(folder, Some(LIMIT_PX));
-        let report = server.curl(&["--data-binary", &format!("@{}", poses.display())], "/v1/scans/beetle/poses");
-        let accuracy = Accuracy::of(&report);
-        println!("{name}: {accuracy}");
-        accuracy
-    };
-    let (fused, ideal) = (accuracy("fused", &fused), accuracy("ideal", &ideal));
+/// How accurate the poses are that COLMAP finds in the pictures of a folder.
+fn accuracy(server: &Server, name: &str, folder: &Path) -> Accuracy {
+    let poses = reconstruct(folder, Some(LIMIT_PX));
+    let report = server.curl(&["--data-binary", &format!("@{}", poses.display())], "/v1/scans/beetle/poses");
+    let accuracy = Accuracy::of(&report);
+    println!("{name}: {accuracy}");
+    accuracy
+}
+
+#[test]
+#[ignore = "needs curl, colmap"]
+fn colmap_finds_the_poses_of_a_part_of_a_fused_scan() {
+    let mut setup = Setup::new(WIDTH, SLICES, PANS, &TILTS, 1);
+    setup.views.retain(|view| view.pan_deg < PART_DEG);
+    let (server, fused) = fused_scan(&setup);
+    let fused = accuracy(&server, "a part", &fused);
+    assert_eq!(fused.registered, setup.views.len(), "all views are registered");
+    assert!(fused.radial_percent < PART_PERCENT, "{fused}");
+}
+
+#[test]
+#[ignore = "more cases of a test"]
+fn more_poses_of_a_fused_scan_are_found_by_colmap_as_exactly_as_those_of_ideal_pictures() {
+    let mut setup = Setup::new(WIDTH, SLICES, PANS, &TILTS, 1);
+    setup.views.retain(|view| view.pan_deg < ARC_DEG);
+    let (server, fused) = fused_scan(&setup);
+    let ideal = server.folder.path().join("ideal");
+    setup.write_ideal(&ideal, Sharp::Truth);
+    let (fused, ideal) = (accuracy(&server, "fused", &fused), accuracy(&server, "ideal", &ideal));
     assert_eq!(fused.registered, setup.views.len(), "all views are registered");
     assert_eq!(ideal.registered, setup.views.len());
-    assert!(ideal.radial_percent < 0.05, "the scan itself is exact enough to show errors of the fusion: {ideal}");
+    assert!(ideal.radial_percent < IDEAL_PERCENT, "the scan itself is exact enough to show errors of fusion: {ideal}");
     let ratios = fused.ratios(&ideal);
     let mean = ratios.iter().product::<f64>().cbrt();
     assert!(mean <= MEAN_FACTOR, "{mean:.2} times as large; {fused}; ideal {ideal}");

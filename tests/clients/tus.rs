@@ -1,6 +1,6 @@
 //! Resumable uploads with common tus clients, over an unreliable network and across `kill -9`.
 
-use std::{fs, path::PathBuf, process::Command};
+use std::{fs, path::PathBuf, process::Command, sync::LazyLock};
 
 use pinstack_science::synth::Rig;
 use serde_json::Value;
@@ -44,13 +44,20 @@ const upload = new tus.Upload(fs.createReadStream(path), {
 upload.start();
 "#;
 
-/// A server with a profile, and a zip that is large enough to be interrupted often.
+/// The rig, and a zip of it that is large enough to be interrupted often.
+static STACK: LazyLock<(Rig, Vec<u8>)> = LazyLock::new(|| {
+    let (rig, file) = (Rig::sized(900, 600, 4), tempfile::NamedTempFile::new().expect("a file"));
+    write_stack_of(&rig, file.path());
+    (rig, fs::read(file.path()).expect("the zip"))
+});
+
+/// A server with a profile, and the zip.
 fn prepared() -> (Server, PathBuf) {
     let server = Server::start();
-    let rig = Rig::sized(900, 600, 4);
+    let (rig, bytes) = &*STACK;
     let zip = server.folder.path().join("stack.zip");
-    write_stack_of(&rig, &zip);
-    server.put_profile(&rig);
+    fs::write(&zip, bytes).expect("written");
+    server.put_profile(rig);
     (server, zip)
 }
 

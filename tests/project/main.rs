@@ -1,6 +1,7 @@
 //! The project as a whole: layers, circles and size of the code, licences and sources of the dependencies.
 
 mod architecture;
+mod cases;
 mod circles;
 mod dependencies;
 mod links;

@@ -1,12 +1,14 @@
 //! Tests of fusion as a whole: against images with known truth, by property, and against the definition of the method.
 
 mod control;
+mod fidelity;
 mod flicker;
 mod focus_range;
 mod further_light;
 mod halo_corrected;
 mod near_detail;
 mod oracle;
+mod outlines;
 mod published;
 mod pyramid;
 pub(super) mod rendered;

@@ -34,14 +34,8 @@ fn assert_honest(calibration: &Calibration, rig: &Rig, what: &str) {
     }
 }
 
-#[test]
-fn a_slice_that_differs_alone_is_measured_by_its_own_dots_and_named() {
-    let alone = Alone { slice: 2, ..Alone::default() };
-    for (what, alone, columns) in [
-        ("tilted, a small target", Alone { keystone: [2e-3, 1e-3], ..alone }, 10),
-        ("tilted, the right half without dots", Alone { keystone: [4e-3, 0.0], ..alone }, 17),
-        ("sheared", Alone { shear: 2e-3, ..alone }, 17),
-    ] {
+fn third_slice_differs(cases: &[(&str, Alone, usize)]) {
+    for &(what, alone, columns) in cases {
         let (plain, mut target) = setup(9);
         let rows = if columns < 17 { 6 } else { 11 };
         if what.contains("half") {
@@ -58,6 +52,23 @@ fn a_slice_that_differs_alone_is_measured_by_its_own_dots_and_named() {
         assert!(named.len() == 1 && is_third(&named[0].detail), "{what}: {:?}", calibration.warnings);
         assert_eq!(calibration.report.grade, Grade::Usable, "{what}");
     }
+}
+
+/// The slice that differs alone.
+const THIRD: Alone = Alone { slice: 2, keystone: [0.0; 2], turn_deg: 0.0, shear: 0.0 };
+
+#[test]
+fn a_slice_that_differs_alone_is_measured_by_its_own_dots_and_named() {
+    third_slice_differs(&[("tilted, the right half without dots", Alone { keystone: [4e-3, 0.0], ..THIRD }, 17)]);
+}
+
+#[test]
+#[ignore = "more cases of a test"]
+fn more_slices_that_differ_alone_are_measured_by_their_own_dots_and_named() {
+    third_slice_differs(&[
+        ("tilted, a small target", Alone { keystone: [2e-3, 1e-3], ..THIRD }, 10),
+        ("sheared", Alone { shear: 2e-3, ..THIRD }, 17),
+    ]);
 }
 
 #[test]
@@ -81,13 +92,8 @@ fn two_slices_that_differ_leave_the_others_as_exact_as_without_them() {
     }
 }
 
-#[test]
-fn light_from_one_side_and_blur_are_in_the_told_uncertainty() {
-    for (what, light, blur, gamma) in [
-        ("a sixth at the far side", [0.07, 0.0], 0.35, true),
-        ("a half at the far side, aslant", [0.02, 0.03], 0.45, true),
-        ("linear values", [0.06, 0.0], 0.4, false),
-    ] {
+fn light_from_one_side(cases: &[(&str, [f64; 2], f64, bool)]) {
+    for &(what, light, blur, gamma) in cases {
         let (plain, mut target) = setup(7);
         target.flaws.gamma = gamma;
         target.flaws.faults = Faults { illumination: light, ..Faults::default() };
@@ -97,8 +103,21 @@ fn light_from_one_side_and_blur_are_in_the_told_uncertainty() {
 }
 
 #[test]
-fn a_tilted_target_under_a_lamp_in_the_middle_is_judged_where_it_is_blurred_most() {
-    for (tilt_deg, spot) in [([0.0; 2], 0.0025), ([4.0, 5.0], 0.0025), ([0.0, 7.0], 0.0035)] {
+fn light_from_one_side_and_blur_are_in_the_told_uncertainty() {
+    light_from_one_side(&[("a half at the far side, aslant", [0.02, 0.03], 0.45, true)]);
+}
+
+#[test]
+#[ignore = "more cases of a test"]
+fn more_light_from_one_side_and_blur_are_in_the_told_uncertainty() {
+    light_from_one_side(&[
+        ("a sixth at the far side", [0.07, 0.0], 0.35, true),
+        ("linear values", [0.06, 0.0], 0.4, false),
+    ]);
+}
+
+fn under_a_lamp(cases: &[([f64; 2], f64)]) {
+    for &(tilt_deg, spot) in cases {
         let (plain, mut target) = setup(9);
         target.tilt_deg = tilt_deg;
         target.flaws.gamma = true;
@@ -106,6 +125,17 @@ fn a_tilted_target_under_a_lamp_in_the_middle_is_judged_where_it_is_blurred_most
         let rig = blurred(plain, &target, 0.42);
         assert_honest(&measured(&target_stack(&rig, &target)), &rig, &format!("{tilt_deg:?}"));
     }
+}
+
+#[test]
+fn a_tilted_target_under_a_lamp_in_the_middle_is_judged_where_it_is_blurred_most() {
+    under_a_lamp(&[([4.0, 5.0], 0.0025)]);
+}
+
+#[test]
+#[ignore = "more cases of a test"]
+fn more_targets_under_a_lamp_in_the_middle_are_judged_where_they_are_blurred_most() {
+    under_a_lamp(&[([0.0; 2], 0.0025), ([0.0, 7.0], 0.0035)]);
 }
 
 #[test]
@@ -121,10 +151,9 @@ fn uneven_blur_of_a_tilted_target_is_no_lamp_banding() {
     assert_eq!(calibration.report.grade, Grade::Good, "{}", calibration.verdict);
 }
 
-#[test]
-fn stripes_at_the_pitch_of_the_dots_are_reported() {
-    let cases = [(30.0, 0.03, 0.05), (29.0, 0.02, 0.05), (30.0, 0.01, 0.3), (15.0, 0.03, 0.2), (30.0, 0.003, 0.1)];
-    for (period_px, strength, blur) in cases {
+/// Period of the stripes in px, their strength, and the blur.
+fn stripes(cases: &[(f64, f64, f64)]) {
+    for &(period_px, strength, blur) in cases {
         let (plain, mut target) = setup(5);
         target.rotation_deg = 0.0;
         target.flaws.faults.banding = Some(Banding { period_px, strength });
@@ -134,6 +163,17 @@ fn stripes_at_the_pitch_of_the_dots_are_reported() {
         assert!(told.contains("flickers"), "{told}");
         assert_eq!(calibration.report.grade, Grade::Usable, "{period_px} px, {strength}");
     }
+}
+
+#[test]
+fn stripes_at_the_pitch_of_the_dots_are_reported() {
+    stripes(&[(29.0, 0.02, 0.05), (30.0, 0.003, 0.1)]);
+}
+
+#[test]
+#[ignore = "more cases of a test"]
+fn more_stripes_at_the_pitch_of_the_dots_are_reported() {
+    stripes(&[(30.0, 0.03, 0.05), (30.0, 0.01, 0.3), (15.0, 0.03, 0.2)]);
 }
 
 #[test]

@@ -47,19 +47,31 @@ fn wrong_displacements(clean: &Stack, places: &[usize], sizes: &[f64]) -> Vec<St
     wrong.collect()
 }
 
-#[test]
-fn a_displacement_is_the_only_warning_wherever_it_happens() {
+fn displacements(cases: Cases) {
     let mut wrong = Vec::new();
-    for ((name, _), clean) in SCENES.into_iter().zip(&*OF_SEED_4) {
+    for (n, ((name, _), clean)) in SCENES.into_iter().zip(&*OF_SEED_4).enumerate() {
         // near both ends of the range few windows are in focus
-        for found in wrong_displacements(clean, &[1, 9], &[1.5, 20.0]) {
+        let sizes = [1.5, 20.0].into_iter().enumerate().filter(|(size, _)| cases.take(*size == n % 2));
+        for found in wrong_displacements(clean, &[1, 9], &sizes.map(|(_, px)| px).collect::<Vec<_>>()) {
             wrong.push(format!("{name}, {found}"));
         }
     }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn a_displacement_is_the_only_warning_wherever_it_happens() {
+    displacements(Cases::Few);
     // most of the windows of this stack are of the pair where it jumps
     let flower = Stack::of(&Rig { seed: 3, ..Rig::sized(480, 360, 11) }, &Scene::flower(3));
-    wrong.extend(wrong_displacements(&flower, &[7], &[5.0]));
+    let wrong = wrong_displacements(&flower, &[7], &[5.0]);
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+#[ignore = "more cases of a test"]
+fn more_displacements_are_the_only_warning_wherever_they_happen() {
+    displacements(Cases::Others);
 }
 
 /// Prints the displacements that are not reported, or not alone, by size of the canvas and of the displacement: the
