@@ -15,7 +15,7 @@
 //! A stack shows a place sharply in few slices only, so errors of neighbours add up along the stack. Growth and
 //! rotation by the rail ([`model::NetworkModel::FreeShifts`]) keep them small. What is left is included in the stated
 //! standard deviations, and no calibration by stacks is graded better than usable. The method is described in
-//! `docs/METHOD.md`.
+//! `docs/method/CALIBRATION_BY_STACKS.md`.
 
 mod banded;
 mod gains;
@@ -111,6 +111,7 @@ pub fn calibrate_by_stacks(
         beyond: &beyond,
         offsets: &offsets,
         reference,
+        bend: perspective::bend(options.capture_mode),
         centre: [0.0; 2],
         frame: &frame,
         size: size.map(|v| v as u32),

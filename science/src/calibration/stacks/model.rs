@@ -45,6 +45,14 @@ impl NetworkModel {
         }
     }
 
+    /// Which unknown of the whole stack is the bend of the growth; the one before it is the growth.
+    pub(super) fn bend(self) -> Option<usize> {
+        match self {
+            Self::FreeShifts => Some(1),
+            Self::Rail | Self::FreeSimilarities => None,
+        }
+    }
+
     /// Unknowns of each slice but the reference.
     pub(super) fn own(self) -> usize {
         match self {

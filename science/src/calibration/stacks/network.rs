@@ -28,6 +28,10 @@ const MIN_SCATTER: f64 = 0.05;
 /// Most groups of windows of which each is left out in turn.
 pub(super) const GROUPS: usize = 16;
 
+/// Blurred outlines shift all windows of a stack alike: a bend of the growth that its windows show is wrong by up to so
+/// many times what their scatter lets expect.
+const OUTLINES: f64 = 12.0;
+
 /// The windows and what is known of the stack.
 pub(super) struct Network<'a> {
     /// All pairs.
@@ -40,6 +44,8 @@ pub(super) struct Network<'a> {
     pub offsets: &'a [f64],
     /// Index of the reference slice.
     pub reference: usize,
+    /// Expected bend of the growth and its standard deviation, in squares of the growth (`perspective::bend`).
+    pub bend: [f64; 2],
     /// The point about which the image grows, units.
     pub centre: [f64; 2],
     /// Units.
@@ -81,6 +87,7 @@ impl Network<'_> {
                 distances.push(distance);
                 normal.add(&equation, window, weight(distance, scatter, round < CAUTIOUS));
             });
+            self.expect(&layout, &found, scatter, &mut normal);
             found.add(&normal.solve()?);
             if !found.of_slices.iter().chain(&found.shared).all(|v| v.is_finite()) {
                 return None;
@@ -113,6 +120,9 @@ impl Network<'_> {
                 }
             }
         });
+        let mut expected = layout.normal();
+        self.expect(layout, found, scatter, &mut expected);
+        groups.push(expected);
         let whole = groups.iter().skip(1).fold(groups[0].clone(), |sum, group| sum.plus(group, 1.0));
         let filled: Vec<&Normal> = groups.iter().filter(|group| group.weight > 0.0).collect();
         let parameters = layout.all_parameters(self, found);
@@ -149,6 +159,15 @@ impl Network<'_> {
             free: layout.size + layout.model.shared(),
             parameters,
         })
+    }
+
+    /// Adds the bend that the growth is expected to have. As it is left out in turn too, the stated uncertainty tells
+    /// how much of the result rests on it.
+    fn expect(&self, layout: &Layout, found: &Unknowns, scatter: f64, normal: &mut Normal) {
+        let Some(bend) = layout.model.bend().filter(|_| scatter.is_finite()) else { return };
+        let square = found.shared[0].powi(2).max(1e-12);
+        let (expected, sigma) = (self.bend[0] * square, self.bend[1] * square);
+        normal.expect(bend, expected - found.shared[bend], (OUTLINES * scatter / sigma).powi(2));
     }
 
     /// Calls `with` for every window: its pair and index, itself, and its equation.

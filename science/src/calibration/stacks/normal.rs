@@ -17,7 +17,7 @@ pub(super) struct Normal {
     /// Their products with each other.
     shared: DMatrix<f64>,
     shared_right: DVector<f64>,
-    /// Weight of all windows.
+    /// Weight of all windows, and 1 for each expected value.
     pub weight: f64,
 }
 
@@ -79,6 +79,13 @@ impl Normal {
                 self.shared[(k, j)] += weighted.dot(by_j);
             }
         }
+    }
+
+    /// Adds that unknown `k` of the whole stack is expected to differ by `off` from its value.
+    pub(super) fn expect(&mut self, k: usize, off: f64, information: f64) {
+        self.shared[(k, k)] += information;
+        self.shared_right[k] += information * off;
+        self.weight += 1.0;
     }
 
     /// The sum with `factor` times others.

@@ -8,6 +8,21 @@
 
 use super::matched::{Pair, WindowMatch};
 use super::picture::Cells;
+use crate::types::profile::CaptureMode;
+
+/// Expected bend of the growth along the rail, and its standard deviation, in squares of the growth.
+///
+/// A sensor on a rail sees the image grow in proportion to its distance from the exit pupil: there is no bend. A camera
+/// on a rail sees what is in focus at the same size in each slice, so from slice to slice the transform has the same
+/// factor, `exp(g z)`: the bend is `g^2 / 2`. A lens that moves alone is between them. Positions on a rail are not
+/// exactly even, so all of these have a standard deviation.
+pub(super) fn bend(mode: Option<CaptureMode>) -> [f64; 2] {
+    match mode {
+        Some(CaptureMode::FixedLens) => [0.0, 0.25],
+        Some(CaptureMode::MovingLens) => [0.5, 0.25],
+        Some(CaptureMode::LensAlone) | None => [0.25, 0.5],
+    }
+}
 
 /// Times the least detail of a cell that its largest must be for the cell to tell where it is in focus.
 const SHOWS_FOCUS: f32 = 3.0;

@@ -175,7 +175,7 @@ fn finding(facts: &Facts<'_>, growth: f64, capture: &CaptureReport) -> String {
     let measured = match parallax {
         // the errors that all windows share are as large as this share of a moving lens
         Some([share, sigma]) if sigma.hypot(0.5) < 1.0 => {
-            format!(" (near and far parts grow {share:.1} +- {:.1} times as differently)", sigma.hypot(0.5))
+            format!(" (measured: {:.1} +- {:.1} px)", share.max(0.0) * most, sigma.hypot(0.5) * most)
         }
         _ => String::new(),
     };
