@@ -366,12 +366,3 @@ def test_the_service_and_the_client_know_the_same_names() -> None:
         lines = re.search(rf"const {name}: .*? = \[(.*?)\];", rust, re.DOTALL)
         assert lines is not None and set(" ".join(re.findall(r'"([^"]+)"', lines[1])).split()) == words
     assert lights.is_back(Path("v/Contre-Jour/1.nef")) and lights.is_back(Path("v/arri\u00e8re/1.nef"))
-
-
-def test_a_file_of_a_real_camera() -> None:
-    samples = [path for path in Path(rawpy.__file__).parent.rglob("*") if raws.is_raw(path)]
-    if not samples:
-        pytest.skip("the package rawpy holds no sample")
-    for path in samples:
-        recipe = recipe_of(path, path.read_bytes(), TIFF)
-        convert(path, path.read_bytes(), recipe, io.BytesIO(), nothing)

@@ -4,7 +4,7 @@ use axum::{extract::State, response::Response};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::stored::{self, StoredStacks};
+use super::stored;
 use crate::{
     contract::{Code, JobKind},
     http::{
@@ -34,8 +34,9 @@ pub struct CalibrationForm {
 /// The body is a zip with one image of the dot target per rail position, as the whole body or as the part `stack` of a
 /// form. With `source=stacks` it is a zip of an ordinary stack, or of all views of a scan in the layout of
 /// `PUT /v1/scans/{scan}/archive`: the slices are then aligned by what they show. Stacks or a scan whose zips are
-/// stored need not be sent again: a JSON body names them. When the calibration succeeds, its homographies and gains
-/// become the next revision of the profile.
+/// stored need not be sent again: a body of type `application/json` with the schema `StoredStacks` names them. (That
+/// type is not listed below, because a client that is generated from this document sends one type of body.) When the
+/// calibration succeeds, its homographies and gains become the next revision of the profile.
 ///
 /// A folder `moved` of the zip has one image of the same target after it was moved by `target_advance_mm`, with the
 /// rail where it was for the reference slice, or one per rail position. It measures the principal distance whatever
@@ -51,11 +52,10 @@ pub struct CalibrationForm {
         ("Idempotency-Key" = Option<String>, Header, description = "A request that repeats an earlier one with the same key gets the calibration of the first"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: wait up to N seconds (at most 50) for the job to end"),
     ),
-    request_body(description = "The zip, as the whole body or in a form; with `source=stacks` also names of stored stacks", content(
+    request_body(description = "The zip, as the whole body or in a form", content(
         (Vec<u8> = "application/zip"),
         (Vec<u8> = "application/octet-stream"),
         (CalibrationForm = "multipart/form-data"),
-        (StoredStacks = "application/json"),
     )),
     responses(
         (status = 200, description = "The calibration has ended within the time of `Prefer: wait`", body = Calibration),

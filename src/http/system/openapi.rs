@@ -15,6 +15,7 @@ use crate::{
     contract::{Code, Problem},
     http::{
         auth::needs,
+        calibrations::stored::StoredStacks,
         extract::{etag, not_modified},
         links,
         system::{examples, parameters, schemas},
@@ -52,7 +53,7 @@ use pinstack_science::types::error::ErrorLocation;
         (name = "uploads", description = "Resumable uploads of stacks, dot targets and scans: tus 1.0.0"),
         (name = "service", description = "Health, limits, metrics and documentation of the service"),
     ),
-    components(schemas(Problem, Code, ErrorLocation))
+    components(schemas(Problem, Code, ErrorLocation, StoredStacks))
 )]
 pub struct Base;
 

@@ -97,8 +97,8 @@ pub fn open_scan_shared(zip: Arc<dyn ReadAt>, limits: &ArchiveLimits, rules: &Sc
 }
 
 /// Whether the pictures of a zip are in several folders that stand for no light, as the views of a scan are. Folders
-/// beside one of a front light are further lights. Of a scan whose file names tell the views apart it is false: that may
-/// be one stack.
+/// beside one of a front light are further lights. Of a scan whose file names tell the views apart it is false: that
+/// may be one stack.
 ///
 /// # Errors
 /// As [`open_scan`] for a zip that cannot be read, and for names that are refused.
