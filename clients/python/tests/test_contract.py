@@ -175,7 +175,9 @@ def check(document: Any, request: httpx.Request) -> None:
     assert set(request.headers) - COMMON <= headers, what
     if "if-match" in request.headers:
         assert "if-match" in headers, what
-    content = described.get("requestBody", {}).get("content", {})
+    content = dict(described.get("requestBody", {}).get("content", {}))
+    if "x-json-body" in described:
+        content["application/json"] = {"schema": described["x-json-body"]}
     media_type = request.headers.get("content-type")
     assert media_type is None or media_type in content or request.content in (b"", b"{}"), what
     if media_type == "application/json" and request.content != b"{}":

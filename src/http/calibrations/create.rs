@@ -35,8 +35,9 @@ pub struct CalibrationForm {
 /// form. With `source=stacks` it is a zip of an ordinary stack, or of all views of a scan in the layout of
 /// `PUT /v1/scans/{scan}/archive`: the slices are then aligned by what they show. Stacks or a scan whose zips are
 /// stored need not be sent again: a body of type `application/json` with the schema `StoredStacks` names them. (That
-/// type is not listed below, because a client that is generated from this document sends one type of body.) When the
-/// calibration succeeds, its homographies and gains become the next revision of the profile.
+/// type is `x-json-body` below, and not one of the types of the body, because a client that is generated from this
+/// document sends one type of body.) When the calibration succeeds, its homographies and gains become the next revision
+/// of the profile.
 ///
 /// A folder `moved` of the zip has one image of the same target after it was moved by `target_advance_mm`, with the
 /// rail where it was for the reference slice, or one per rail position. It measures the principal distance whatever
@@ -57,6 +58,7 @@ pub struct CalibrationForm {
         (Vec<u8> = "application/octet-stream"),
         (CalibrationForm = "multipart/form-data"),
     )),
+    extensions(("x-json-body" = json!({ "$ref": "#/components/schemas/StoredStacks" }))),
     responses(
         (status = 200, description = "The calibration has ended within the time of `Prefer: wait`", body = Calibration),
         (status = 202, description = "The calibration is accepted (with `Idempotency-Replayed: true`: by an earlier request)", body = Calibration, headers(("Location" = String, description = "URL of the calibration"))),
