@@ -9,6 +9,7 @@
 //! |---|---|
 //! | `silhouette` | mask -> signed distance to its outline |
 //! | `bounds` | where the object is |
+//! | `consistency` | views whose mask contradicts the others |
 //! | `octree` | which blocks of space the surface can pass |
 //! | `surface`, `cubes` | marching cubes in these blocks: a closed, manifold mesh |
 //! | [`mesh`] | volume, area, normals, connected parts |
@@ -17,6 +18,7 @@
 
 mod bounds;
 mod colours;
+mod consistency;
 mod cubes;
 mod files;
 pub mod mesh;
@@ -79,6 +81,8 @@ pub struct HullOptions {
     pub resolution: Option<usize>,
     /// A point is kept if at most so many views see it outside of their silhouette, 0 to 3.
     pub tolerated: usize,
+    /// Views whose mask contradicts the others are left out, of eight views or more. Their masks or poses are wrong.
+    pub leave_out: bool,
     /// Parts with less than this share of the volume of the largest are removed.
     pub least_part: f64,
     /// Length of the unit of the poses, mm; `None` if it is unknown.
@@ -89,7 +93,7 @@ pub struct HullOptions {
 
 impl Default for HullOptions {
     fn default() -> Self {
-        Self { resolution: None, tolerated: 0, least_part: 1e-5, mm_per_unit: None, colours: true }
+        Self { resolution: None, tolerated: 0, leave_out: true, least_part: 1e-5, mm_per_unit: None, colours: true }
     }
 }
 
@@ -123,6 +127,8 @@ pub struct HullSummary {
     pub removed_parts: usize,
     /// Views whose mask has no object; they were left out, by their index.
     pub empty_views: Vec<usize>,
+    /// Views whose mask contradicts the others; they were left out, by their index.
+    pub contradicting_views: Vec<usize>,
 }
 
 /// The visual hull of the views with these cameras.
@@ -140,7 +146,10 @@ pub fn from_views(
 ) -> Result<Hull, Interrupted> {
     check(cameras, options)?;
     let resolution = options.resolution.unwrap_or(DEFAULT_RESOLUTION);
-    let (silhouettes, empty_views) = silhouettes(cameras, pictures, resolution, control)?;
+    let (mut silhouettes, empty_views) = silhouettes(cameras, pictures, resolution, control)?;
+    let contradicting_views = if options.leave_out { leave_out(&mut silhouettes)? } else { Vec::new() };
+    control.check()?;
+    let (used, silhouettes): (Vec<usize>, Vec<Silhouette>) = silhouettes.into_iter().unzip();
     let (middle, longest) = bounds::bounds(&silhouettes, options.tolerated)?;
     let finest = silhouettes.iter().map(|silhouette| pixel_size(silhouette, middle)).fold(f64::INFINITY, f64::min);
     let cell = match options.resolution {
@@ -158,7 +167,7 @@ pub fn from_views(
     mesh.add_normals();
     drop((parts, silhouettes));
     if options.colours {
-        mesh.colours = colours_of(&mesh, cell, cameras, pictures, control)?;
+        mesh.colours = colours_of(&mesh, cell, (cameras, &used), pictures, control)?;
     }
     let scale = options.mm_per_unit.unwrap_or(1.0);
     mesh.scale(scale);
@@ -173,6 +182,7 @@ pub fn from_views(
         triangles: mesh.triangles.len(),
         removed_parts,
         empty_views,
+        contradicting_views,
     };
     Ok(Hull { mesh, summary })
 }
@@ -196,13 +206,23 @@ fn check(cameras: &[PinholeCamera], options: &HullOptions) -> Result<(), Error> 
     Ok(())
 }
 
-/// The silhouettes of the views with an object, and the indices of the others.
+/// Removes the views whose mask contradicts the others, and returns their indices.
+fn leave_out(silhouettes: &mut Vec<(usize, Silhouette)>) -> Result<Vec<usize>, Error> {
+    let (views, found): (Vec<usize>, Vec<Silhouette>) = silhouettes.drain(..).unzip();
+    let bad = consistency::bad_views(&found)?;
+    let left_out = views.iter().zip(&bad).filter(|(_, bad)| **bad).map(|(view, _)| *view).collect();
+    let all = views.into_iter().zip(found).zip(bad);
+    silhouettes.extend(all.filter(|(_, bad)| !bad).map(|(silhouette, _)| silhouette));
+    Ok(left_out)
+}
+
+/// The silhouettes of the views with an object, with their indices, and the indices of the others.
 fn silhouettes(
     cameras: &[PinholeCamera],
     pictures: &dyn ViewPictures,
     resolution: usize,
     control: &dyn Control,
-) -> Result<(Vec<Silhouette>, Vec<usize>), Interrupted> {
+) -> Result<(Vec<(usize, Silhouette)>, Vec<usize>), Interrupted> {
     let longest = (PIXELS_PER_CELL * resolution as f64) as usize;
     let done = std::sync::atomic::AtomicUsize::new(0);
     let read = |(view, camera): (usize, &PinholeCamera)| -> Result<Option<Silhouette>, Interrupted> {
@@ -216,7 +236,8 @@ fn silhouettes(
     };
     let all: Vec<Option<Silhouette>> = cameras.par_iter().enumerate().map(read).collect::<Result<_, _>>()?;
     let empty = all.iter().enumerate().filter(|(_, found)| found.is_none()).map(|(view, _)| view).collect();
-    let found: Vec<Silhouette> = all.into_iter().flatten().collect();
+    let found: Vec<(usize, Silhouette)> =
+        all.into_iter().enumerate().filter_map(|(view, found)| Some((view, found?))).collect();
     if found.len() < LEAST_VIEWS {
         let detail = format!(
             "{} of {} views have a mask with an object; a hull needs {LEAST_VIEWS} views or more from different directions",
@@ -238,20 +259,21 @@ fn pixel_size(silhouette: &Silhouette, point: [f64; 3]) -> f64 {
 fn colours_of(
     mesh: &Mesh,
     cell: f64,
-    cameras: &[PinholeCamera],
+    (cameras, used): (&[PinholeCamera], &[usize]),
     pictures: &dyn ViewPictures,
     control: &dyn Control,
 ) -> Result<Vec<[u8; 3]>, Interrupted> {
     let mut colouring = Colouring::new(mesh, cell);
     let mut has_picture = false;
-    for (view, camera) in cameras.iter().enumerate() {
+    for (done, &view) in used.iter().enumerate() {
+        let camera = &cameras[view];
         control.check()?;
         if let Some(picture) = pictures.picture(view)? {
             same_size("picture", view, [picture.width, picture.height], camera)?;
             colouring.add(mesh, camera, &picture);
             has_picture = true;
         }
-        control.progress("colours", view + 1, cameras.len());
+        control.progress("colours", done + 1, used.len());
     }
     Ok(if has_picture { colouring.finish(mesh) } else { Vec::new() })
 }

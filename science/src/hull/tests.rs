@@ -22,7 +22,7 @@ fn hull(cameras: &[PinholeCamera], views: &Views, options: &HullOptions) -> Hull
 
 /// The hull of a body from exact masks.
 fn exact(body: &[Shape]) -> Hull {
-    let cameras = turntable(18, &[0.0, 30.0]);
+    let cameras = turntable(12, &[0.0, 30.0]);
     let found = hull(&cameras, &views(body, &cameras), &HullOptions::default());
     assert_eq!(open_edges(&found.mesh), 0);
     found
@@ -41,7 +41,7 @@ fn the_hull_of_round_bodies_is_the_body() {
     for (shape, volume) in [(BALL, 4.0 / 3.0 * PI * 343.0), (ellipsoid, 4.0 / 3.0 * PI * 192.0)] {
         let Hull { mesh, summary } = exact(&[shape]);
         let [median, most] = distances(&mesh, &[shape]);
-        assert!(median < 0.15 && most < 0.6, "{median} px, {most} px");
+        assert!(median < 0.1 && most < 0.6, "{median} px, {most} px");
         assert!((summary.volume / volume - 1.0).abs() < 0.01, "{}", summary.volume / volume);
     }
 }
@@ -64,7 +64,7 @@ fn the_hull_of_a_box_contains_it_and_little_more() {
 fn a_leg_of_three_pixels_is_whole() {
     let Hull { mesh, summary } = exact(&[LEG]);
     let [median, most] = distances(&mesh, &[LEG]);
-    assert!(median < 0.3 && most < 0.8, "{median} px, {most} px");
+    assert!(median < 0.1 && most < 0.8, "{median} px, {most} px");
     assert!((summary.size[0] - 15.0).abs() < 6.0 * PIXEL && summary.removed_parts == 0, "{summary:?}");
 }
 
@@ -107,24 +107,26 @@ fn ball_normal(from: [f64; 3], towards: [f64; 3], middle: [f64; 3], radius: f64)
 }
 
 #[test]
-fn a_bad_view_is_tolerated_if_asked_for() {
-    let cameras = turntable(24, &[0.0, 30.0]);
+fn a_bad_view_is_left_out_or_tolerated() {
+    let cameras = turntable(12, &[0.0, 30.0]);
     let mut views = views(&[BALL], &cameras);
     // the lower half is missing
     let half = views.masks[5].data.len() / 2;
     views.masks[5].data[half..].fill(0);
     let volume = 4.0 / 3.0 * PI * 343.0;
-    for (tolerated, low, high) in [(0, 0.3, 0.7), (1, 0.99, 1.06)] {
-        let found = hull(&cameras, &views, &HullOptions { tolerated, ..HullOptions::default() });
+    let options = HullOptions { resolution: Some(64), ..HullOptions::default() };
+    for (leave_out, tolerated, low, high) in [(true, 0, 0.99, 1.02), (false, 0, 0.3, 0.7), (false, 1, 0.99, 1.02)] {
+        let found = hull(&cameras, &views, &HullOptions { leave_out, tolerated, ..options.clone() });
         let ratio = found.summary.volume / volume;
-        assert!((low..high).contains(&ratio), "{tolerated} tolerated: {ratio}");
+        assert!((low..high).contains(&ratio), "{leave_out}, {tolerated} tolerated: {ratio}");
+        assert_eq!(found.summary.contradicting_views, if leave_out { vec![5] } else { vec![] });
         assert_eq!(open_edges(&found.mesh), 0);
     }
 }
 
 #[test]
 fn noisy_masks_give_a_closed_surface_near_the_body() {
-    let cameras = turntable(24, &[0.0, 30.0]);
+    let cameras = turntable(12, &[0.0, 30.0]);
     let body = [BALL, LEG];
     let mut views = views(&body, &cameras);
     for (view, mask) in views.masks.iter_mut().enumerate() {
@@ -145,7 +147,7 @@ fn noisy_masks_give_a_closed_surface_near_the_body() {
 
 #[test]
 fn a_body_beyond_the_picture_is_kept_where_others_see_it() {
-    let cameras = turntable(24, &[0.0, 30.0]);
+    let cameras = turntable(12, &[0.0, 30.0]);
     let whole = views(&[BALL], &cameras);
     // the first camera sees the left half of the ball alone
     let mut cut = cameras;
@@ -172,7 +174,7 @@ fn lengths_are_in_mm_if_the_scale_is_known() {
 fn impossible_input_is_refused_with_what_is_wrong() {
     let cameras = turntable(6, &[0.0]);
     let good = views(&[BALL], &cameras);
-    let options = HullOptions::default();
+    let options = HullOptions { resolution: Some(32), ..HullOptions::default() };
     let empty = |count: usize| {
         let masks =
             good.masks.iter().enumerate().map(|(at, mask)| if at < count { mask.map(|_| 0) } else { mask.clone() });
