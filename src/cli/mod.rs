@@ -10,6 +10,7 @@ pub mod files;
 pub mod fuse;
 pub mod gc;
 pub mod health;
+pub mod hull;
 mod local;
 pub mod logging;
 mod memory;
@@ -63,6 +64,7 @@ enum Command {
     Backup(backup::Backup),
     Restore(backup::Restore),
     Bundle(bundle::Bundle),
+    Hull(hull::Hull),
     Plan(plan::Plan),
     Poses(poses::Poses),
     Target(target::Target),
@@ -90,6 +92,7 @@ pub fn main() -> ExitCode {
         Some(Command::Backup(backup)) => backup.run(),
         Some(Command::Restore(restore)) => restore.run(),
         Some(Command::Bundle(bundle)) => bundle.run(),
+        Some(Command::Hull(hull)) => hull.run(),
         Some(Command::Plan(plan)) => plan.run(),
         Some(Command::Poses(poses)) => poses.run(),
         Some(Command::Target(target)) => target.run(),
