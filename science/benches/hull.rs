@@ -235,22 +235,24 @@ impl<'a> Nearest<'a> {
 
     fn distance(&self, point: &Vector3<f64>) -> f64 {
         let home = [0, 1, 2].map(|axis| (point[axis] / BOX_MM).floor() as i32);
-        let mut nearest = f64::INFINITY;
-        for ring in 0..40_i32 {
-            // all that is nearer than the boxes around is known
-            if nearest <= BOX_MM * f64::from(ring - 1) {
-                break;
-            }
-            let range = || -ring..=ring;
-            for (x, y, z) in range().flat_map(|x| range().flat_map(move |y| range().map(move |z| (x, y, z)))) {
-                if x.abs().max(y.abs()).max(z.abs()) < ring {
-                    continue;
-                }
-                for vertex in self.0.get(&[home[0] + x, home[1] + y, home[2] + z]).into_iter().flatten() {
-                    nearest = nearest.min((point - Vector3::from(vertex.map(f64::from))).norm());
-                }
+        let around = (-1..=1).flat_map(|x| (-1..=1).flat_map(move |y| (-1..=1).map(move |z| [x, y, z])));
+        let near = around.filter_map(|step| self.0.get(&[0, 1, 2].map(|axis| home[axis] + step[axis])));
+        let mut nearest = near.map(|vertices| to_nearest(point, vertices)).fold(f64::INFINITY, f64::min);
+        if nearest <= BOX_MM {
+            return nearest;
+        }
+        // far from the mesh: all boxes that may have a nearer vertex
+        for (at, vertices) in &self.0 {
+            let middle = Vector3::from(at.map(|index| BOX_MM * (f64::from(index) + 0.5)));
+            if (point - middle).norm() - BOX_MM < nearest {
+                nearest = nearest.min(to_nearest(point, vertices));
             }
         }
         nearest
     }
+}
+
+fn to_nearest(point: &Vector3<f64>, vertices: &[&[f32; 3]]) -> f64 {
+    let distance = |vertex: &&[f32; 3]| (point - Vector3::from(vertex.map(f64::from))).norm();
+    vertices.iter().map(distance).fold(f64::INFINITY, f64::min)
 }

@@ -64,7 +64,7 @@ impl Hull {
         let model = self.model.clone().unwrap_or_else(|| self.folder.join("sparse/0"));
         let [images, cameras] = COLMAP_MODEL.map(|names| model_file(&model, names));
         let (images, cameras) = (images?, cameras?);
-        let views = colmap_views((&images.0, &images.1), (&cameras.0, &cameras.1));
+        let views = colmap_views((images.0, &images.1), (cameras.0, &cameras.1));
         let views = views.map_err(|error| anyhow!("{}: {}", model.display(), error.detail))?;
         let (scan, posed) = Scan::of(&self.folder, views)?;
         let options = HullOptions {

@@ -1,9 +1,9 @@
 //! The colour of each vertex from the views that see it best.
 //!
 //! A view sees a vertex when the surface faces the camera and nothing of the hull is nearer: a depth map of the
-//! vertices, of pixels of [`DEPTH_CELLS`] cells, says what is nearest. Of the views with the largest cosine of incidence
-//! the weighted median by brightness is taken: highlights and shadows move with the camera and are outvoted, and no
-//! colours of different places are mixed. Vertices that no view sees take the mean of their neighbours.
+//! vertices, of pixels of [`DEPTH_CELLS`] cells, says what is nearest. Of the views with the largest cosine of
+//! incidence the weighted median by brightness is taken: highlights and shadows move with the camera and are outvoted,
+//! and no colours of different places are mixed. Vertices that no view sees take the mean of their neighbours.
 
 use rayon::prelude::*;
 

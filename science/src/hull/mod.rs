@@ -58,6 +58,9 @@ const PIXELS_PER_CELL: f64 = 1.5;
 /// Cells between the hull and the border of the grid.
 const BORDER_CELLS: f64 = 4.0;
 
+/// Silhouettes with the indices of their views.
+type Numbered = Vec<(usize, Silhouette)>;
+
 /// The masks and pictures of the views. Each is asked for once, so they need not be in memory together.
 pub trait ViewPictures: Sync {
     /// The mask of a view, of the size of its camera: 255 where the object is, with soft edges if there are any.
@@ -207,7 +210,7 @@ fn check(cameras: &[PinholeCamera], options: &HullOptions) -> Result<(), Error> 
 }
 
 /// Removes the views whose mask contradicts the others, and returns their indices.
-fn leave_out(silhouettes: &mut Vec<(usize, Silhouette)>) -> Result<Vec<usize>, Error> {
+fn leave_out(silhouettes: &mut Numbered) -> Result<Vec<usize>, Error> {
     let (views, found): (Vec<usize>, Vec<Silhouette>) = silhouettes.drain(..).unzip();
     let bad = consistency::bad_views(&found)?;
     let left_out = views.iter().zip(&bad).filter(|(_, bad)| **bad).map(|(view, _)| *view).collect();
@@ -222,7 +225,7 @@ fn silhouettes(
     pictures: &dyn ViewPictures,
     resolution: usize,
     control: &dyn Control,
-) -> Result<(Vec<(usize, Silhouette)>, Vec<usize>), Interrupted> {
+) -> Result<(Numbered, Vec<usize>), Interrupted> {
     let longest = (PIXELS_PER_CELL * resolution as f64) as usize;
     let done = std::sync::atomic::AtomicUsize::new(0);
     let read = |(view, camera): (usize, &PinholeCamera)| -> Result<Option<Silhouette>, Interrupted> {
@@ -236,8 +239,7 @@ fn silhouettes(
     };
     let all: Vec<Option<Silhouette>> = cameras.par_iter().enumerate().map(read).collect::<Result<_, _>>()?;
     let empty = all.iter().enumerate().filter(|(_, found)| found.is_none()).map(|(view, _)| view).collect();
-    let found: Vec<(usize, Silhouette)> =
-        all.into_iter().enumerate().filter_map(|(view, found)| Some((view, found?))).collect();
+    let found: Numbered = all.into_iter().enumerate().filter_map(|(view, found)| Some((view, found?))).collect();
     if found.len() < LEAST_VIEWS {
         let detail = format!(
             "{} of {} views have a mask with an object; a hull needs {LEAST_VIEWS} views or more from different directions",

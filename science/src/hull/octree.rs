@@ -126,8 +126,8 @@ impl Octree<'_> {
             return Side::Both;
         }
         let tangent = |axis: usize| (px[axis] - camera.principal_point_px[axis]) / camera.focal_px[axis];
-        let scale = BALL_FACTOR * (1.0 + tangent(0).powi(2) + tangent(1).powi(2)).sqrt() * camera.focal_px[0]
-            / (depth - radius);
+        let slant = (1.0 + tangent(0).powi(2) + tangent(1).powi(2)).sqrt();
+        let scale = BALL_FACTOR * slant * camera.focal_px[0].max(camera.focal_px[1]) / (depth - radius);
         let reach = radius * scale + BALL_MARGIN_PX;
         let distance = f64::from(silhouette.signed(px));
         // a view that is inside by more than a cell cannot place the surface
