@@ -2,6 +2,8 @@
 
 use std::{fs, path::Path, process::Command};
 
+use pinstack::http::pages::model::model_viewer;
+
 use crate::{
     run,
     server::{Server, small_rig, write_slices, write_stack_of},
@@ -24,6 +26,13 @@ fn write_files(folder: &Path) {
             }
         }
     }
+}
+
+/// Writes what the page of a model has, for the scenario that shows one: the test makes the files of the model.
+fn write_model_page(server: &Server) {
+    let [points, cameras, hull] = ["points", "cameras", "hull"].map(|name| format!("/model-test/{name}"));
+    let viewer = model_viewer(Some(&points), Some(&cameras), Some(&hull)).into_string();
+    fs::write(server.folder.path().join("model.html"), viewer).expect("a file");
 }
 
 fn scenario(name: &str, server: &Server) {
@@ -117,6 +126,46 @@ fn the_pages_work_without_a_mouse() {
 #[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn the_pages_have_no_fault_that_axe_finds() {
     scenario("axe", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn the_ball_of_views_is_turned_and_leads_to_the_stacks() {
+    scenario("ball", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn every_view_of_a_scan_is_on_its_page_whatever_the_width() {
+    scenario("widths", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_height_map_is_shown_as_a_relief() {
+    scenario("relief", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_model_shows_points_cameras_and_surface() {
+    let server = with_work();
+    write_model_page(&server);
+    scenario("model", &server);
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn without_webgl_the_text_remains() {
+    scenario("no_webgl", &with_work());
+}
+
+#[test]
+#[ignore = "needs node"]
+fn files_of_models_and_height_maps_are_read() {
+    let tests = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/clients/web/readers.mjs");
+    let told = run(Command::new("node").arg(tests));
+    assert!(told.contains("done"), "{told}");
 }
 
 #[test]

@@ -7,6 +7,7 @@ use axum::{extract::State, http::Uri, response::Response};
 use maud::{Markup, html};
 
 use super::{
+    ball::{self, BallView, Mark},
     frame::{Frame, PageUser, Place, respond},
     stacks::thumbnail,
     words::{count, sentence, state, text},
@@ -54,9 +55,9 @@ pub async fn page(
     let scan = ScanWithViews::tabulated(scan, views).await?;
     let shown: Vec<Shown<'_>> =
         scan.views.iter().zip(&thumbnails).map(|(view, url)| Shown { view, thumbnail: url.as_deref() }).collect();
-    let live = live(&scan, &shown);
+    let (lead, live) = (lead(&scan), live(&scan, &shown));
     if params::take(&mut pairs, "part").is_some() {
-        return Ok(respond(live));
+        return Ok(respond(html! { (lead) (live) }));
     }
     let frame = Frame { title: name.as_str(), place: Place::Scans, user: Some(&user), script: Some("scan.js") };
     let input = &scan.scan.input;
@@ -79,16 +80,17 @@ pub async fn page(
             }
         }
         p id="told" role="alert" {}
+        div id="lead" { (lead) }
+        (ball::section())
         div id="views" data-scan=(name) { (live) }
         (files(&scan))
         (poses())
     }))
 }
 
-/// What changes while views are fused.
-fn live(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
+/// The number of views by state, and what is conspicuous. The script puts it above the ball.
+fn lead(scan: &ScanWithViews) -> Markup {
     let summary = &scan.summary;
-    let busy = if summary.queued + summary.running > 0 { JobState::Running } else { JobState::Succeeded };
     let parts = [
         (summary.succeeded, "done"),
         (summary.running, "running"),
@@ -97,7 +99,7 @@ fn live(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
         (summary.replaced, "replaced by newer ones"),
     ];
     html! {
-        p.lead data-state=(busy.as_str()) {
+        p.lead {
             (count(summary.views as usize, "view", "views"))
             @if let Some(expected) = summary.expected { " of " (expected) " expected" }
             @for (number, words) in parts { @if number > 0 { " · " (number) " " (words) } }
@@ -105,6 +107,13 @@ fn live(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
         @if !scan.findings.is_empty() {
             ul.warnings { @for finding in &scan.findings { li { (sentence(&finding.detail)) } } }
         }
+    }
+}
+
+/// The views, which change while they are fused.
+fn live(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
+    html! {
+        (on_ball(scan, shown))
         @if shown.is_empty() {
             div.empty { p.lead { "This scan has no views yet." } }
         } @else {
@@ -117,6 +126,13 @@ fn live(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
 
 fn stack_page(view: &ScanView) -> String {
     link!("/stacks/{}", view.stack.rsplit('/').next().unwrap_or_default())
+}
+
+fn on_ball(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
+    let views = shown.iter().take(MOST).filter_map(|one| BallView::of(one.view, stack_page(one.view)));
+    let is_busy = scan.summary.queued + scan.summary.running > 0;
+    let state = if is_busy { JobState::Running } else { JobState::Succeeded };
+    ball::data(&views.chain(scan.missing.iter().map(BallView::missing)).collect::<Vec<_>>(), state)
 }
 
 fn thousandths(angle: f64) -> i64 {
@@ -146,19 +162,15 @@ fn grid(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
     let degrees = |angle: i64| format!("{}°", angle as f64 / 1000.0);
     html! {
         h2 { "Views by pan and tilt" }
-        div.grid tabindex="0" role="region" aria-label="Views by pan and tilt" {
-            table {
-                thead { tr { th scope="col" { "tilt \\ pan" } @for pan in &pans { th scope="col" { (degrees(*pan)) } } } }
-                tbody {
-                    @for tilt in tilts.iter().rev() {
-                        tr {
-                            th scope="row" { (degrees(*tilt)) }
-                            @for pan in &pans {
-                                td {
-                                    @if let Some(one) = at.get(&(*tilt, *pan)) { (cell(one)) }
-                                    @else if gaps.contains(&(*tilt, *pan)) { span.gap { "missing" } }
-                                }
-                            }
+        div.grid {
+            @for tilt in tilts.iter().rev() {
+                h3 { "Tilt " (degrees(*tilt)) }
+                ul.ring {
+                    // every ring has the same places, so that equal pans lie below one another
+                    @for pan in &pans {
+                        li {
+                            @if let Some(one) = at.get(&(*tilt, *pan)) { (cell(one)) small { (degrees(*pan)) } }
+                            @else if gaps.contains(&(*tilt, *pan)) { span.gap { "missing" } small { (degrees(*pan)) } }
                         }
                     }
                 }
@@ -169,22 +181,14 @@ fn grid(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
 
 fn cell(one: &Shown<'_>) -> Markup {
     let view = one.view;
-    let is_lost = matches!(view.state, JobState::Failed | JobState::Cancelled);
-    let is_odd = !view.outliers.is_empty() || !view.findings.is_empty();
+    let (mark, words) = (Mark::of(view), ball::words(view));
+    let (is_lost, is_odd) = (mark == Mark::Failed, mark == Mark::Look);
     let class = if is_lost {
         "view lost"
     } else if is_odd {
         "view odd"
     } else {
         "view"
-    };
-    let words = match view.state {
-        JobState::Queued => "waiting".to_owned(),
-        JobState::Running => format!("{:.0} %", 100.0 * view.progress),
-        JobState::Succeeded if is_odd => "differs or has warnings".to_owned(),
-        JobState::Succeeded => "done".to_owned(),
-        JobState::Failed => "failed".to_owned(),
-        JobState::Cancelled => "cancelled".to_owned(),
     };
     html! {
         a class=(class) href=(stack_page(view)) aria-label={ (view.name) ", " (words) } title={ (view.name) ", " (words) } {
@@ -199,13 +203,25 @@ fn table(shown: &[Shown<'_>]) -> Markup {
         value.map_or_else(|| "–".to_owned(), |value| format!("{value:.decimals$}"))
     };
     let percent = |value: Option<f64>| number(value.map(|share| 100.0 * share), 2);
+    let heads = ["Pan °", "Tilt °", "Sharpness", "Object %", "Residual px", "Out of focus %"];
+    let numbers = |view: &ScanView| {
+        let cells = [
+            number(view.pan_deg, 1),
+            number(view.tilt_deg, 1),
+            number(view.sharpness, 0),
+            percent(view.mask_area),
+            number(view.residual_px, 2),
+            percent(view.unfocused_fraction),
+        ];
+        heads.into_iter().zip(cells)
+    };
     html! {
         h2 { "Table of views" }
-        div.wide tabindex="0" role="region" aria-label="Table of views" {
+        div.wide.folding tabindex="0" role="region" aria-label="Table of views" {
             table {
                 thead { tr {
                     th.l scope="col" { "View" } th.l scope="col" { "State" }
-                    @for head in ["Pan °", "Tilt °", "Sharpness", "Object %", "Residual px", "Out of focus %"] { th scope="col" { (head) } }
+                    @for head in heads { th scope="col" { (head) } }
                     th.l scope="col" { "Remarks" }
                 } }
                 tbody {
@@ -213,19 +229,21 @@ fn table(shown: &[Shown<'_>]) -> Markup {
                         tr {
                             td.l { a href=(stack_page(view)) { (text(&view.name)) } }
                             td.l { (state(view.state)) @if view.state == JobState::Running { " " (format!("{:.0} %", 100.0 * view.progress)) } }
-                            td { (number(view.pan_deg, 1)) } td { (number(view.tilt_deg, 1)) }
-                            td { (number(view.sharpness, 0)) } td { (percent(view.mask_area)) }
-                            td { (number(view.residual_px, 2)) } td { (percent(view.unfocused_fraction)) }
-                            td.l {
-                                @if let Some(error) = &view.error { div.bad { (sentence(&error.detail)) } }
-                                @for outlier in &view.outliers { div.warn { "! " (sentence(&outlier.detail)) } }
-                                @if !view.findings.is_empty() { div.soft { (view.findings.join(", ").replace('_', " ")) } }
-                            }
+                            @for (head, value) in numbers(view) { td data-head=(head) { (value) } }
+                            td.l { (remarks(view)) }
                         }
                     }
                 }
             }
         }
+    }
+}
+
+fn remarks(view: &ScanView) -> Markup {
+    html! {
+        @if let Some(error) = &view.error { div.bad { (sentence(&error.detail)) } }
+        @for outlier in &view.outliers { div.warn { "! " (sentence(&outlier.detail)) } }
+        @if !view.findings.is_empty() { div.soft { (view.findings.join(", ").replace('_', " ")) } }
     }
 }
 

@@ -374,8 +374,10 @@ const scenarios = {
   },
 };
 
+Object.assign(scenarios, require('./scenes.cjs')({ opened, base, folder }));
+
 (async () => {
-  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM || '/usr/bin/chromium', args: ['--no-sandbox', '--disable-gpu', '--disable-quic', `--host-resolver-rules=MAP ${NAME} 127.0.0.1`] });
+  const browser = await chromium.launch({ executablePath: process.env.CHROMIUM || '/usr/bin/chromium', args: ['--no-sandbox', '--disable-gpu', '--enable-unsafe-swiftshader', '--disable-quic', `--host-resolver-rules=MAP ${NAME} 127.0.0.1`] });
   try {
     await scenarios[scenario](browser);
     console.log(`${scenario}: done`);

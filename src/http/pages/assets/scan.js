@@ -1,11 +1,16 @@
 // The page of a scan: its views as they are fused, its buttons, and the report on poses.
 import { call, confirmed, element, json, link, tell } from './page.js';
 import { follow } from './live.js';
+import { ball } from './ball.js';
 
 const box = document.getElementById('views');
 const url = link(`/v1/scans/${encodeURIComponent(box.dataset.scan)}`);
 const by = (id) => document.getElementById(id);
-follow(box, 'views');
+const turned = ball(box, { canvas: by('ball-canvas'), section: by('ball'), told: by('ball-told') });
+follow(box, 'views', () => {
+  by('lead').replaceChildren(...box.querySelectorAll(':scope > .lead, :scope > .warnings'));
+  turned();
+});
 
 by('rerun')?.addEventListener('click', async () => {
   if (!await confirmed('Fuse every view again with the current revision of the profile? The present results stay until they are replaced.', 'Fuse all again')) return;

@@ -4,5 +4,6 @@ pub mod actions;
 pub mod facts;
 pub mod page;
 pub mod plots;
+pub mod relief;
 pub mod tiles;
 pub mod viewer;

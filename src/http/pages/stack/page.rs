@@ -10,7 +10,7 @@ use jiff::Timestamp;
 use maud::{Markup, html};
 use uuid::Uuid;
 
-use super::{actions, facts, plots, tiles::slices_shown, viewer};
+use super::{actions, facts, plots, relief, tiles::slices_shown, viewer};
 use crate::{
     contract::{JobKind, JobState, request::JobRequest},
     http::{
@@ -57,6 +57,7 @@ pub async fn page(
     let slices = slices_shown(&app, &job);
     let name = row::name(&job);
     let reference = app.store.metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
+    let mm_per_px = reference.as_ref().and_then(|profile| relief::mm_per_px(&profile.input));
     let reference = reference.map(|profile| profile.input.reference_index as usize);
     let frame = Frame { title: &name, place: Place::Stacks, user: Some(&user), script: Some("stack.js") };
     Ok(frame.answer(html! {
@@ -69,7 +70,7 @@ pub async fn page(
         }
         p id="told" role="alert" {}
         div id="state" data-stack=(id) { (state) }
-        @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, slices, other.as_ref())) }
+        @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, slices, other.as_ref(), mm_per_px)) }
         (facts::warnings(&job, outcome))
         (actions::rerun(&job, &user))
         @if let Some(outcome) = outcome { (plots::plots(&outcome.metrics, reference)) }

@@ -3,7 +3,10 @@
 use maud::{Markup, html};
 use serde::Serialize;
 
-use super::tiles::{LIGHT, SLICE};
+use super::{
+    relief,
+    tiles::{LIGHT, SLICE},
+};
 use crate::{
     contract::{
         artifact::{StackArtifact, light_of},
@@ -75,9 +78,17 @@ fn slices(job: &Job, outcome: &StackOutcome, count: usize) -> impl Iterator<Item
     })
 }
 
-/// The viewer of a stack, with `slices_shown` of its slices; `other` is a stack to compare with.
-pub fn viewer(job: &Job, outcome: &StackOutcome, slices_shown: usize, other: Option<&Job>) -> Markup {
+/// The viewer of a stack, with `slices_shown` of its slices; `other` is a stack to compare with, `mm_per_px` the size of
+/// a pixel in the object, where it is known.
+pub fn viewer(
+    job: &Job,
+    outcome: &StackOutcome,
+    slices_shown: usize,
+    other: Option<&Job>,
+    mm_per_px: Option<f64>,
+) -> Markup {
     let mut all = layers(job, outcome, "");
+    let relief = relief::section(job, outcome, all.iter().map(|layer| layer.name.as_str()), mm_per_px);
     all.extend(slices(job, outcome, slices_shown));
     let own = all.len();
     if let Some((other, outcome)) = other.and_then(|other| Some((other, of_stack(other).ok()?))) {
@@ -106,6 +117,7 @@ pub fn viewer(job: &Job, outcome: &StackOutcome, slices_shown: usize, other: Opt
                     button type="button" id="full" { "1 : 1" }
                     button type="button" id="closer" aria-label="Closer" { "+" }
                     button type="button" id="farther" aria-label="Farther" { "−" }
+                    button type="button" id="relief" aria-expanded="false" aria-controls="relief-place" hidden { "Relief" }
                 }
             }
             div.viewer {
@@ -113,6 +125,7 @@ pub fn viewer(job: &Job, outcome: &StackOutcome, slices_shown: usize, other: Opt
                     aria-label={ "Picture of " (width) " by " (height) " pixels. Arrow keys move it, plus and minus zoom, 0 shows all of it, 1 shows every pixel." } {}
             }
             p.readout id="readout" { (width) " × " (height) " px" }
+            (relief)
         }
     }
 }
