@@ -148,6 +148,12 @@ fn a_height_map_is_shown_as_a_relief() {
 
 #[test]
 #[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn the_viewer_tells_values_and_lengths_by_mouse_keyboard_and_finger() {
+    scenario("values", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn a_model_shows_points_cameras_and_surface() {
     let server = with_work();
     write_model_page(&server);

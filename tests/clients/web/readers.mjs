@@ -164,4 +164,7 @@ const { surface } = await module('relief.js');
   near(places.slice(2, 4), [0.5, 0.25], 'its place in the picture');
   assert.deepEqual([...indices], [0, 3, 4, 0, 4, 1, 1, 4, 5], 'no triangle without a height');
 }
+const { round, length } = await module('measure.js');
+assert.deepEqual([0.0123, 0.05, 0.49, 7, 10].map(round).map((one) => +one.toPrecision(6)), [0.01, 0.05, 0.2, 5, 10]);
+assert.deepEqual([length(10, null), length(10, 0.005), length(10, 0.5), length(1, 0.0123)], ['10.0 px', '10.0 px = 50.0 µm', '10.0 px = 5.00 mm', '1.0 px = 12.3 µm']);
 console.log('readers: done');

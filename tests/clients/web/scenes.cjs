@@ -217,6 +217,35 @@ module.exports = ({ opened, base, folder }) => {
       }
     },
 
+    // colour, slice and length at the pointer, by keyboard, and by finger
+    async values(browser) {
+      const stack = await firstStack();
+      const page = await opened(browser, { hasTouch: true });
+      await page.goto(`${base}/stacks/${stack}`);
+      await reads(page, '#readout', 'shown at');
+      await page.focus('text=Values and lengths');
+      await page.keyboard.press('Enter');
+      await page.focus('#viewer');
+      await reads(page, '#values', 'In the middle: x ');
+      await reads(page, '#values', 'sharpest in slice');
+      await page.keyboard.press('m');
+      await reads(page, '#values', 'length 0.0 px');
+      await page.keyboard.press('ArrowLeft');
+      await page.waitForFunction(() => /length [1-9]/.test(document.getElementById('values').textContent));
+      await page.keyboard.press('m');
+      const box = await page.locator('#viewer').boundingBox();
+      const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+      await page.mouse.move(x - 30, y);
+      await page.waitForFunction(() => /^x \d+, y \d+ · colour \d+ \d+ \d+, alpha \d+/.test(document.getElementById('values').textContent));
+      await page.mouse.click(x - 30, y);
+      await page.touchscreen.tap(x + 30, y);
+      await reads(page, '#values', 'length ');
+      await faults(page, 'values');
+      await page.click('text=Values and lengths');
+      await page.waitForFunction(() => document.getElementById('values').textContent === '');
+      page.settled();
+    },
+
     // the model of a reconstruction, from files that this scenario makes
     async model(browser) {
       const stack = await firstStack();

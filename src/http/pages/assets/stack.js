@@ -1,6 +1,7 @@
 // The page of one stack: its viewer, its progress, and its buttons.
-import { call, confirmed, json, link, tell } from './page.js';
+import { call, confirmed, element, json, link, tell } from './page.js';
 import { follow } from './live.js';
+import { measure } from './measure.js';
 import { Viewer } from './viewer.js';
 
 const state = document.getElementById('state');
@@ -84,6 +85,13 @@ if (canvas) {
   by('closer').addEventListener('click', () => viewer.zoom(1.5));
   by('farther').addEventListener('click', () => viewer.zoom(1 / 1.5));
   choose();
+  const heights = by('relief-canvas')?.dataset.relief;
+  measure(viewer, {
+    spec: heights ? JSON.parse(heights) : null,
+    mmPerPx: Number(canvas.dataset.mmPerPx) || null,
+    tools: by('fit').parentElement,
+    told: readout.parentElement.insertBefore(element('p', { class: 'readout', id: 'values', role: 'status' }), readout.nextSibling),
+  });
   const opener = by('relief');
   if (opener && by('relief-place') && document.createElement('canvas').getContext('webgl2')) opener.hidden = false;
   let shown;

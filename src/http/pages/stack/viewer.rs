@@ -121,8 +121,8 @@ pub fn viewer(
                 }
             }
             div.viewer {
-                canvas id="viewer" tabindex="0" role="img" data-scene=(scene) data-own=(own)
-                    aria-label={ "Picture of " (width) " by " (height) " pixels. Arrow keys move it, plus and minus zoom, 0 shows all of it, 1 shows every pixel." } {}
+                canvas id="viewer" tabindex="0" role="img" data-scene=(scene) data-own=(own) data-mm-per-px=[mm_per_px]
+                    aria-label={ "Picture of " (width) " by " (height) " pixels. Arrow keys move it, plus and minus zoom, 0 shows all of it, 1 shows every pixel. With values and lengths on, M sets the ends of a length in the middle." } {}
             }
             p.readout id="readout" { (width) " × " (height) " px" }
             (relief)
