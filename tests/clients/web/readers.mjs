@@ -49,7 +49,7 @@ const { parsePly } = await module('ply.js');
 
 const { parseGlb } = await module('glb.js');
 {
-  const parts = [Float32Array.of(0, 0, 0, 1, 0, 0, 0, 1, 0), Uint8Array.of(255, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255, 255), Uint16Array.of(0, 1, 2, 0)];
+  const parts = [Float32Array.of(0, 0, 0, 1, 0, 0, 0, 1, 0), Uint8Array.of(255, 0, 0, 255, 0, 255, 0, 255, 55, 0, 255, 255), Uint16Array.of(0, 1, 2, 0)];
   let offset = 0;
   const bufferViews = parts.map((part) => { const view = { buffer: 0, byteOffset: offset, byteLength: part.byteLength }; offset += part.byteLength; return view; });
   const glb = (more = {}) => {
@@ -70,6 +70,7 @@ const { parseGlb } = await module('glb.js');
   near(mesh.positions, [0, 0, 0, 1, 0, 0, 0, 1, 0], 'positions');
   assert.deepEqual([...mesh.indices], [0, 1, 2]);
   assert.deepEqual([...mesh.colours.slice(4, 7)], [0, 255, 0]);
+  assert.deepEqual([...mesh.colours.slice(8, 11)], [128, 0, 255], 'linear light becomes sRGB');
   assert.equal(mesh.normals, undefined);
   assert.throws(() => parseGlb(glb({ sparse: {} })), /compressed/);
   assert.throws(() => parseGlb(new ArrayBuffer(64)), /not a GLB file/);

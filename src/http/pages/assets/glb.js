@@ -1,7 +1,12 @@
-// Reads the triangles of binary glTF files (GLB): positions, normals and colours of every mesh, in one surface.
+// Reads the triangles of binary glTF files (GLB): positions, normals and colours of every mesh, in one surface. Positions
+// are those of the meshes: the node above them, which turns z to y and mm to metres for other programs, is left out, so
+// that the surface agrees with the points and cameras.
 
 const NUMBERS = { 5120: Int8Array, 5121: Uint8Array, 5122: Int16Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array };
 const WIDTHS = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4 };
+
+/** The byte of a colour; glTF has linear light, a screen wants sRGB (IEC 61966-2-1). */
+const byte = (linear) => 255.5 * (linear <= 0.0031308 ? 12.92 * linear : 1.055 * linear ** (1 / 2.4) - 0.055);
 
 /** Positions, colours (four bytes per point), normals (where all meshes have them) and indices of the triangles. */
 export function parseGlb(buffer) {
@@ -23,7 +28,7 @@ export function parseGlb(buffer) {
     if (of('NORMAL')) normals.set(of('NORMAL').values, 3 * first); else lit = false;
     const paint = of('COLOR_0');
     for (let k = 0; paint && k < count(part); k += 1) {
-      for (let c = 0; c < 3; c += 1) colours[4 * (first + k) + c] = 255.5 * paint.values[paint.width * k + c] * paint.unit;
+      for (let c = 0; c < 3; c += 1) colours[4 * (first + k) + c] = byte(paint.values[paint.width * k + c] * paint.unit);
     }
     const corners = accessors[part.indices]?.values ?? Uint32Array.from({ length: count(part) }, (_, k) => k);
     for (const corner of corners) indices[at++] = first + corner;
