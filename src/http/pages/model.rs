@@ -1,5 +1,5 @@
-//! The model of a reconstruction: points, cameras, turntable and surface, drawn by `model.js`. The place is hidden until
-//! the script has found that the browser can draw it; the page that has it gives the same as text.
+//! The model of a reconstruction: points, cameras, turntable and surface, drawn by `model.js`. The place is hidden
+//! until the script has found that the browser can draw it; the page that has it gives the same as text.
 
 use maud::{Markup, html};
 

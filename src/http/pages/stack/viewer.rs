@@ -78,8 +78,8 @@ fn slices(job: &Job, outcome: &StackOutcome, count: usize) -> impl Iterator<Item
     })
 }
 
-/// The viewer of a stack, with `slices_shown` of its slices; `other` is a stack to compare with, `mm_per_px` the size of
-/// a pixel in the object, where it is known.
+/// The viewer of a stack, with `slices_shown` of its slices; `other` is a stack to compare with, `mm_per_px` the size
+/// of a pixel in the object, where it is known.
 pub fn viewer(
     job: &Job,
     outcome: &StackOutcome,
