@@ -34,6 +34,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(profiles::revisions::revisions))
         .routes(routes!(profiles::drift::drift))
         .routes(routes!(profiles::rig_parameters::rig_parameters))
+        .routes(routes!(profiles::camera::add))
         .routes(routes!(profiles::export::export))
         .routes(routes!(profiles::import::import))
         // calibrations

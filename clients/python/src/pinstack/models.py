@@ -437,8 +437,20 @@ class NameGrouping(TypedDict):
     """The views that names tell."""
 
     ignored: List[IgnoredFile]
+    stack: NotRequired[NamedStack]
     views: List[NamedView]
     warnings: List[Warning]
+
+
+class NamedStack(TypedDict):
+    """One stack as names tell it."""
+
+    back: List[str]
+    front: List[str]
+    gaps: NotRequired[Optional[str]]
+    lights: List[FurtherLight]
+    moved: List[str]
+    problem: NotRequired[Optional[str]]
 
 
 class NamedView(TypedDict):
@@ -446,6 +458,7 @@ class NamedView(TypedDict):
 
     back: List[str]
     front: List[str]
+    gaps: NotRequired[Optional[str]]
     name: str
     pan_deg: NotRequired[Optional[float]]
     problem: NotRequired[Optional[str]]
