@@ -168,6 +168,7 @@ fn every_call_of_the_contract_is_documented_with_its_errors() {
         ("/v1/profiles/{rig}/{lens}", "delete"),
         ("/v1/profiles/{rig}/{lens}/revisions", "get"),
         ("/v1/profiles/{rig}/{lens}/rig-parameters", "post"),
+        ("/v1/profiles/{rig}/{lens}/camera", "post"),
         ("/v1/profiles/{rig}/{lens}/export", "get"),
         ("/v1/profiles/{rig}/{lens}/import", "post"),
         ("/v1/profiles/{rig}/{lens}/calibrations", "post"),

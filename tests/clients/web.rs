@@ -58,6 +58,18 @@ fn with_work() -> Server {
 }
 
 #[test]
+#[ignore = "needs node, python3"]
+fn the_modules_of_the_pages_compute_what_they_say() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let root = env!("CARGO_MANIFEST_DIR");
+    let told = run(Command::new("node")
+        .arg(format!("{root}/tests/clients/web/modules.cjs"))
+        .arg(format!("{root}/src/http/pages/assets"))
+        .arg(folder.path()));
+    assert!(told.contains("done"), "{told}");
+}
+
+#[test]
 #[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn a_folder_of_slices_becomes_a_picture_that_can_be_compared() {
     scenario("upload", &with_profile());
@@ -117,6 +129,42 @@ fn the_pages_work_without_a_mouse() {
 #[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn the_pages_have_no_fault_that_axe_finds() {
     scenario("axe", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn what_will_be_sent_is_told_before_and_a_person_needs_no_mouse() {
+    scenario("told", &with_profile());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn what_does_not_fit_is_told_with_its_cure_before_anything_is_sent() {
+    scenario("misfits", &with_profile());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_folder_of_three_thousand_files_stays_quick() {
+    scenario("many", &with_profile());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_profile_without_a_camera_says_so_and_gets_one_without_an_upload() {
+    scenario("camera", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn an_upload_goes_on_after_the_person_signed_in_again() {
+    scenario("signed_out", &with_profile());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_server_that_is_gone_is_told_and_the_page_goes_on_when_it_is_back() {
+    scenario("gone", &with_work());
 }
 
 #[test]

@@ -8,6 +8,7 @@ use maud::{Markup, html};
 
 use super::{
     frame::{Frame, PageUser, Place, respond},
+    profiles::camera,
     stacks::thumbnail,
     words::{count, sentence, state, text},
 };
@@ -50,6 +51,12 @@ pub async fn page(
         let result = view.stack.result.as_ref()?;
         Some(thumbnail::url(view.stack.id, &result.image.as_ref()?.sha256))
     };
+    let has_camera =
+        views.iter().filter_map(|view| view.stack.result.as_ref()).all(|result| result.image_info.intrinsics.is_some());
+    let profile = app.store.metadata.profile(&scan.input.rig, &scan.input.lens, None).await?;
+    let has_results = views.iter().any(|view| view.stack.result.is_some());
+    let has_camera =
+        has_camera && (has_results || profile.as_ref().is_some_and(|of| of.input.principal_distance_px().is_some()));
     let thumbnails: Vec<Option<String>> = views.iter().map(url).collect();
     let scan = ScanWithViews::tabulated(scan, views).await?;
     let shown: Vec<Shown<'_>> =
@@ -78,9 +85,12 @@ pub async fn page(
                 }
             }
         }
+        @if profile.is_some() || has_results {
+            (camera::missing_in_results(profile.as_ref().map(|of| &of.input), has_camera, &input.rig, &input.lens, "“Fuse all again” gives it to every view"))
+        }
         p id="told" role="alert" {}
         div id="views" data-scan=(name) { (live) }
-        (files(&scan))
+        (files(&scan, has_camera))
         (poses())
     }))
 }
@@ -229,7 +239,7 @@ fn table(shown: &[Shown<'_>]) -> Markup {
     }
 }
 
-fn files(scan: &ScanWithViews) -> Markup {
+fn files(scan: &ScanWithViews, has_camera: bool) -> Markup {
     let named = |layout: Layout| match layout {
         Layout::Colmap => "COLMAP",
         Layout::Meshroom => "Meshroom",
@@ -245,6 +255,7 @@ fn files(scan: &ScanWithViews) -> Markup {
             h2 { "Files for a reconstruction program" }
             p.soft { "Images, masks named as the program wants them, intrinsics, poses and the commands." }
             @if scan.summary.succeeded > 0 {
+                @if !has_camera { p.error { "No camera: reconstruction must estimate the focal length. The bundles have no intrinsics." } }
                 @if waiting { p.told { "Some views have no result yet. The bundles leave them out." } }
                 div.buttons {
                     @for layout in Layout::ALL {

@@ -69,7 +69,7 @@ const scenarios = {
     await describe(page);
     await page.fill('#label', 'from a folder');
     await page.setInputFiles('#folder', path.join(folder, 'slices'));
-    assert.match(await page.textContent('#chosen'), /8 pictures/);
+    await page.waitForSelector('#chosen >> text=8 pictures');
     await send(page);
     await finished(page);
     await page.waitForSelector('#viewer');
@@ -116,7 +116,7 @@ const scenarios = {
     const page = await opened(browser);
     await describe(page, 'new');
     await page.check('input[value=no_target]');
-    assert.deepEqual(await page.locator('[data-for]:visible label').allTextContents(), ['Pixel pitch, mm', 'Rail step, mm']);
+    assert.deepEqual(await page.locator('[data-for]:visible label:visible').allTextContents(), ['Sensor width, mm', 'Pixel pitch, mm', 'Rail step, mm', 'What the rail moves']);
     await page.fill('#rail_step_mm', '0,5');
     await page.setInputFiles('#folder', path.join(folder, 'views'));
     await page.waitForSelector('#chosen table');
@@ -342,6 +342,16 @@ const scenarios = {
         const found = violations.map(({ id, nodes }) => `${colorScheme} ${where}: ${id}: ${nodes.map(({ html, failureSummary }) => `${html} ${failureSummary}`).join('; ')}`);
         assert.deepEqual(found, []);
       }
+      // both forms with all that they show
+      await page.goto(`${base}/send?purpose=calibration`);
+      await page.setInputFiles('#folder', path.join(folder, 'views'));
+      await page.waitForSelector('.thirds canvas, .findings');
+      await page.evaluate(source);
+      for (const purpose of ['calibration', 'scan']) {
+        await page.check(`input[value=${purpose}]`);
+        const { violations } = await page.evaluate(() => globalThis.axe.run());
+        assert.deepEqual(violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html }) => html)}`), [], purpose);
+      }
       page.settled();
       await page.context().close();
     }
@@ -373,6 +383,8 @@ const scenarios = {
     page.settled();
   },
 };
+
+Object.assign(scenarios, require('./forms.cjs')({ base, folder, opened, describe, send, finished, zip, TUS }));
 
 (async () => {
   const browser = await chromium.launch({ executablePath: process.env.CHROMIUM || '/usr/bin/chromium', args: ['--no-sandbox', '--disable-gpu', '--disable-quic', `--host-resolver-rules=MAP ${NAME} 127.0.0.1`] });

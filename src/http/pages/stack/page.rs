@@ -21,6 +21,7 @@ use crate::{
         job_resource::{load, not_found},
         pages::{
             frame::{Frame, PageUser, Place},
+            profiles::camera,
             stacks::row,
             words::{sentence, text},
         },
@@ -58,6 +59,7 @@ pub async fn page(
     let name = row::name(&job);
     let reference = app.store.metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
     let reference = reference.map(|profile| profile.input.reference_index as usize);
+    let current = app.store.metadata.profile(&job.rig, &job.lens, None).await?.map(|profile| profile.input);
     let frame = Frame { title: &name, place: Place::Stacks, user: Some(&user), script: Some("stack.js") };
     Ok(frame.answer(html! {
         div.head {
@@ -70,6 +72,10 @@ pub async fn page(
         p id="told" role="alert" {}
         div id="state" data-stack=(id) { (state) }
         @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, slices, other.as_ref())) }
+        @if let Some(outcome) = outcome {
+            (camera::missing_in_results(current.as_ref(), outcome.image.intrinsics.is_some(), &job.rig, &job.lens,
+                "“Fuse again with other options” with the current revision gives it to the image"))
+        }
         (facts::warnings(&job, outcome))
         (actions::rerun(&job, &user))
         @if let Some(outcome) = outcome { (plots::plots(&outcome.metrics, reference)) }
