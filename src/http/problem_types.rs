@@ -178,8 +178,8 @@ problem_types! {
          again in a moment";
 
     InsufficientStorage: S::INSUFFICIENT_STORAGE, Later, "Insufficient storage",
-        "The disk or the quota of the token has too little free space. The detail has the figures. Delete old stacks, or \
-         enlarge the disk or the quota.",
+        "The disk or the quota of the token has too little free space, or the machine too little memory for a job. The \
+         detail has the figures. Delete old stacks, or enlarge the disk, the quota or the memory.",
         "not enough disk space for this upload: it needs 4100000000 bytes and its job up to 900000000; \
          3900000000 bytes are free, of which 0 are reserved by uploads and jobs in progress and 536870912 must \
          stay free; delete old stacks or enlarge the disk";

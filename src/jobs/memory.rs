@@ -124,7 +124,10 @@ fn sample(layout: &StackLayout) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contract::request::Upload;
+    use crate::{
+        contract::request::Upload,
+        jobs::{JobRunner, ScienceRunner},
+    };
     use pinstack_science::types::{
         calibration_options::CalibrationOptions, fusion_options::Method, stack_layout::FurtherLight,
     };
@@ -175,6 +178,18 @@ mod tests {
             assert!(need(10, 12_000, 8) > need(10, 6000, 8));
             assert!(need(10, 6000, 8) > 24_000_000 * 10);
         }
+    }
+
+    #[test]
+    fn a_job_gets_as_many_threads_as_fit_into_the_memory_and_at_least_one() {
+        let job = stack(10, 6000, 8);
+        let need = |memory| ScienceRunner { threads: 8, memory, ..ScienceRunner::default() }.memory_need(&job);
+        assert_eq!(need(None), memory_need(&job, 8));
+        for threads in [3, 8] {
+            assert_eq!(need(Some(memory_need(&job, threads))), memory_need(&job, threads));
+        }
+        assert_eq!(need(Some(memory_need(&job, 3) - 1)), memory_need(&job, 2));
+        assert_eq!(need(Some(1)), memory_need(&job, 1));
     }
 
     #[test]

@@ -39,14 +39,16 @@ use threads::with_own_threads;
 pub struct ScienceRunner {
     /// Threads per job. More threads need more memory.
     pub threads: usize,
+    /// Memory that one job may take, bytes. A job that would need more gets fewer threads; with one it may need more.
+    pub memory: Option<u64>,
     /// Limits of an archive: those that the upload was checked against.
     pub archive_limits: ArchiveLimits,
 }
 
 impl Default for ScienceRunner {
-    /// One thread per core.
+    /// One thread per core, without a limit of memory.
     fn default() -> Self {
-        Self { threads: rayon::current_num_threads(), archive_limits: ArchiveLimits::default() }
+        Self { threads: rayon::current_num_threads(), memory: None, archive_limits: ArchiveLimits::default() }
     }
 }
 
@@ -62,13 +64,20 @@ impl ScienceRunner {
         stacks: &[StackArchive],
         sink: &dyn ProgressSink,
     ) -> Result<JobOutput, JobError> {
-        with_own_threads(self.threads, || calibration::measure(context, request, stacks, sink))
+        let threads = self.threads_for(&context.job.request);
+        with_own_threads(threads, || calibration::measure(context, request, stacks, sink))
+    }
+
+    /// As many threads as fit into the memory; at least one.
+    fn threads_for(&self, request: &JobRequest) -> usize {
+        let fits = |threads: &usize| self.memory.is_none_or(|most| memory::memory_need(request, *threads) <= most);
+        (1..=self.threads).rev().find(fits).unwrap_or(1)
     }
 }
 
 impl JobRunner for ScienceRunner {
     fn memory_need(&self, request: &JobRequest) -> u64 {
-        memory::memory_need(request, self.threads)
+        memory::memory_need(request, self.threads_for(request))
     }
 
     fn disk_need(&self, request: &JobRequest) -> u64 {
@@ -76,7 +85,7 @@ impl JobRunner for ScienceRunner {
     }
 
     fn run(&self, context: &JobContext, sink: &dyn ProgressSink) -> Result<JobOutput, JobError> {
-        with_own_threads(self.threads, || match &context.job.request {
+        with_own_threads(self.threads_for(&context.job.request), || match &context.job.request {
             JobRequest::Stack(request) => stack::run(context, request, &self.archive_limits, sink),
             JobRequest::Calibration(request) => calibration::run(context, request, &self.archive_limits, sink),
         })

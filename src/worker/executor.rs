@@ -140,7 +140,11 @@ impl Executor {
     async fn admit(&self, job: &Job, keeper: &LeaseKeeper, gate: OwnedMutexGuard<()>) -> Result<Admitted, Stopped> {
         let suspect = job.attempt > 1;
         let whole = self.whole_budget();
-        let need = u32::try_from(self.deps.runner.memory_need(&job.request).div_ceil(MB)).unwrap_or(u32::MAX);
+        let need = self.deps.runner.memory_need(&job.request);
+        if let Some(limit) = self.config.memory_limit.filter(|limit| need > *limit) {
+            return Err(Stopped::TooLarge(needs_more_memory(need, limit)));
+        }
+        let need = u32::try_from(need.div_ceil(MB)).unwrap_or(u32::MAX);
         let permits = if suspect { whole } else { need.min(whole) };
         let memory = tokio::select! {
             permit = Arc::clone(&self.memory).acquire_many_owned(permits) => permit.map_err(|_| Fault::new(Code::Unavailable, "the service is shutting down"))?,
@@ -282,6 +286,15 @@ struct Admitted {
     _gate: Option<OwnedMutexGuard<()>>,
     _reserved: events::Held,
     _memory: OwnedSemaphorePermit,
+}
+
+fn needs_more_memory(need: u64, limit: u64) -> Fault {
+    let (need, limit) = (need.div_ceil(MB), limit / MB);
+    let detail = format!(
+        "the job needs {need} MiB of memory with one thread, but the machine or container of the worker has {limit} MiB for \
+         jobs; give it more memory, or send slices with fewer pixels"
+    );
+    Fault::new(Code::InsufficientStorage, detail)
 }
 
 /// Whether the storage will take the end of a job later: it does not answer, or its disk is full.

@@ -60,11 +60,14 @@ pub struct Config {
     pub retry_pause: Duration,
     /// Memory for all running jobs together, bytes. A job that needs more than that runs alone.
     pub memory_budget: u64,
+    /// What the machine or container has for jobs, bytes. A job that needs more than that fails, because the system
+    /// would kill the process.
+    pub memory_limit: Option<u64>,
 }
 
 impl Default for Config {
     /// One worker, a lease of 15 s, a heartbeat per second, five per second with progress, 3 attempts, 10 s until the
-    /// second, 2 GiB of memory.
+    /// second, 2 GiB of memory, of a machine that has more.
     fn default() -> Self {
         Self {
             workers: 1,
@@ -75,6 +78,7 @@ impl Default for Config {
             max_attempts: 3,
             retry_pause: Duration::from_secs(10),
             memory_budget: 2 << 30,
+            memory_limit: None,
         }
     }
 }

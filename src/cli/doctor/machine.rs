@@ -89,10 +89,8 @@ pub(super) fn memory(config: &Settings) -> Finding {
         return Finding::warning("memory", "the memory of this machine is unknown");
     };
     let shown = format!("{whose} has {}, the jobs may take {} (memory_mb)", gib(most), gib(budget));
-    if config.workers > 0 && budget > most {
-        Finding::problem("memory", format!("{shown}: the system would kill the server; lower memory_mb"))
-    } else if config.workers > 0 && budget > most / 10 * 9 {
-        Finding::warning("memory", format!("{shown}: leave a tenth to the rest; lower memory_mb"))
+    if config.workers > 0 && budget > most / 10 * 9 {
+        Finding::warning("memory", format!("{shown}: a process takes nine tenths at most; lower memory_mb"))
     } else {
         Finding::ok("memory", shown)
     }
