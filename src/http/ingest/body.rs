@@ -29,6 +29,9 @@ struct Linger {
     time: Duration,
 }
 
+/// Discarding ends when nothing arrives for so long: a proxy may wait for the end of the connection instead.
+const LINGER_IDLE: Duration = Duration::from_secs(5);
+
 impl Linger {
     /// Clients read the response while they send; some proxies (Apache) read it only after the whole body.
     fn for_sender(headers: &HeaderMap) -> Self {
@@ -220,7 +223,7 @@ impl Drop for WatchedBody {
 
 async fn linger(mut rest: BodyDataStream, most: u64) {
     let mut discarded = 0;
-    while let Some(Ok(chunk)) = rest.next().await {
+    while let Ok(Some(Ok(chunk))) = timeout(LINGER_IDLE, rest.next()).await {
         discarded += chunk.len() as u64;
         if discarded > most {
             return;
