@@ -19,6 +19,7 @@ pub mod output;
 pub mod plan;
 pub mod poses;
 mod process;
+pub mod reconstruct;
 pub mod serve;
 mod sheet;
 pub mod store;
@@ -65,6 +66,7 @@ enum Command {
     Bundle(bundle::Bundle),
     Plan(plan::Plan),
     Poses(poses::Poses),
+    Reconstruct(reconstruct::Reconstruct),
     Target(target::Target),
     Doctor(doctor::Doctor),
     /// Check whether a running server is ready; the exit code is 0 if it is
@@ -92,6 +94,7 @@ pub fn main() -> ExitCode {
         Some(Command::Bundle(bundle)) => bundle.run(),
         Some(Command::Plan(plan)) => plan.run(),
         Some(Command::Poses(poses)) => poses.run(),
+        Some(Command::Reconstruct(reconstruct)) => reconstruct.run(),
         Some(Command::Target(target)) => target.run(),
         Some(Command::Health(flags)) => health::run(&flags),
     };

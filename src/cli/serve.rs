@@ -79,6 +79,7 @@ impl Service {
             .with_context(|| format!("listen: cannot listen on {}", config.listen))?;
         let address = listener.local_addr()?;
 
+        let colmap = config.colmap();
         let required = tokens_required(config.auth, address.ip(), &*store.metadata).await?;
         let policy = Policy {
             auth_required: required == TokensRequired::Always,
@@ -86,11 +87,12 @@ impl Service {
             listen: Some(address.ip()),
             max_connections: connections(config),
             hosts: hosts(config),
+            reconstructs: colmap.is_some() || config.workers == 0 || config.database()?.is_some(),
             ..config.clone().into()
         };
         let app = App::new(store.clone(), policy);
         let shutdown = app.shutdown.clone();
-        let science = ScienceRunner { archive_limits: app.policy.archive, ..ScienceRunner::default() };
+        let science = ScienceRunner { archive_limits: app.policy.archive, colmap, ..ScienceRunner::default() };
         let (disk, health, runner) = (Arc::clone(&app.disk), Arc::clone(&app.health), Arc::new(science));
         let deps = Deps { store: store.clone(), disk, runner };
         let pool = Pool::start(deps, config.worker());

@@ -34,7 +34,8 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         let signals = StopSignals::listen()?;
         let traces = config.collector().map(traces::start).transpose()?;
         let store = create(&config).await?;
-        let (disk, runner) = (DiskBudget::new(&store, config.min_free_bytes), Arc::new(ScienceRunner::default()));
+        let runner = ScienceRunner { colmap: config.colmap(), ..ScienceRunner::default() };
+        let (disk, runner) = (DiskBudget::new(&store, config.min_free_bytes), Arc::new(runner));
         let pool = Pool::start(Deps { store: store.clone(), disk, runner }, config.worker());
         let maintenance = maintenance::start(store.clone(), maintenance::EVERY, config.retention());
         note(format!("{} workers run jobs of {}", config.workers, config.data_dir.display()));

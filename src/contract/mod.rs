@@ -15,6 +15,7 @@ pub mod priority;
 pub mod profile;
 pub mod profile_summary;
 pub mod ranges;
+pub mod reconstruction;
 pub mod request;
 pub mod scan;
 pub mod upload_purpose;

@@ -1,8 +1,9 @@
-//! The endpoints that stacks and calibrations have in common: list, get, delete, events, cancel. One macro documents
-//! them for both kinds of jobs; [`job_resource`](super::job_resource) does the work.
+//! The endpoints that all kinds of jobs have in common: list, get, delete, events, cancel. One macro documents them;
+//! [`job_resource`](super::job_resource) does the work.
 
 /// The endpoints of a kind of jobs: the kind, its view, its list, its name, the plural, and the description of its
-/// event stream; of stacks, that of the parameter `scan`. `\n` keeps the line breaks that the document always had.
+/// event stream; of stacks and reconstructions, that of the parameter `scan`. `\n` keeps the line breaks that the
+/// document always had.
 macro_rules! endpoints {
     ($kind:ident, $view:ident, $list:ident, $one:literal, $many:literal, $events:literal $(, $scan:literal)?) => {
         use axum::{
@@ -156,5 +157,16 @@ pub mod calibrations {
         "Server-sent events. `state` (data: the whole calibration) is sent first and on each change of state. \
          `progress`\n(data: the progress) is sent on each change of progress. The stream closes when the calibration has \
          ended. A client\nthat reconnects with `Last-Event-ID` receives only newer events."
+    }
+}
+
+/// Those of reconstructions.
+pub mod reconstructions {
+    endpoints! {
+        Reconstruction, Reconstruction, ReconstructionList, "reconstruction", "reconstructions",
+        "Server-sent events. `state` (data: the whole reconstruction) is sent first and on each change of state. \
+         `progress`\n(data: the progress) is sent on each change of progress. The stream closes when the reconstruction \
+         has ended. A client\nthat reconnects with `Last-Event-ID` receives only newer events.",
+        "Only reconstructions of this scan"
     }
 }

@@ -239,6 +239,11 @@ problem_types! {
         "mask=required, but no mask could be made. Add a back-light stack in the folder 'back'.",
         "mask=required, but the archive has no back-light slices; put them into a folder 'back', or send mask=auto";
 
+    ReconstructionFailed: S::INTERNAL_SERVER_ERROR, Later, "Reconstruction failed",
+        "COLMAP failed, or exceeded a limit of time, memory or disk. The detail says which, with its last words.",
+        "the reconstruction took longer than 240 minutes and was stopped during mapper: raise the setting \
+         reconstruction_minutes, or leave out views";
+
     WorkerLost: S::INTERNAL_SERVER_ERROR, Later, "Worker lost",
         "The worker process died several times while it ran this job, so the job failed. Check the log of the service, \
          first for memory.",

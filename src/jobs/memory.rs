@@ -25,10 +25,12 @@ const BASE: u64 = 64 << 20;
 /// - A calibration: for each slice in flight (one above and one below the reference) the samples while it is decoded
 ///   and the planes of the detector, whose size is bounded; and for each slice its dots and its fingerprint
 ///   ([`SLICE_BYTES`]).
+/// - A reconstruction: COLMAP, mostly while each thread extracts the features of an image.
 pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {
     let peak = match request {
         JobRequest::Stack(request) => stack(request, threads),
         JobRequest::Calibration(request) => calibration(request, threads),
+        JobRequest::Reconstruction(request) => super::reconstruction::need::memory(request, threads),
     };
     BASE.saturating_add(peak)
 }
@@ -198,6 +200,7 @@ mod tests {
             match &mut request {
                 JobRequest::Stack(request) => request.layout.largest_file_bytes = 50_000_000,
                 JobRequest::Calibration(request) => request.layout.largest_file_bytes = 50_000_000,
+                JobRequest::Reconstruction(_) => panic!("it has no slices"),
             }
             memory_need(&request, threads) - before
         };

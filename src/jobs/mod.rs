@@ -14,6 +14,7 @@ mod lights;
 pub mod memory;
 mod output_form;
 mod pictures;
+pub mod reconstruction;
 mod requested;
 mod runner;
 mod slice_view;
@@ -25,7 +26,7 @@ mod threads;
 mod thumbnails;
 
 use crate::contract::{
-    JobError,
+    JobError, JobKind,
     request::{CalibrationRequest, JobRequest},
 };
 use pinstack_science::archive::{ArchiveLimits, StackArchive};
@@ -34,19 +35,21 @@ pub use runner::{JobContext, JobOutput, JobRunner, OutputFile, ProgressSink, SOF
 pub use slice_view::slice_view;
 use threads::with_own_threads;
 
-/// The job runner of the service: fuses stacks and measures profiles.
+/// The job runner of the service: fuses stacks, measures profiles, and has scans reconstructed.
 #[derive(Debug, Clone)]
 pub struct ScienceRunner {
     /// Threads per job. More threads need more memory.
     pub threads: usize,
     /// Limits of an archive: those that the upload was checked against.
     pub archive_limits: ArchiveLimits,
+    /// The program for reconstructions; `None`: this runner runs none.
+    pub colmap: Option<reconstruction::Colmap>,
 }
 
 impl Default for ScienceRunner {
     /// One thread per core.
     fn default() -> Self {
-        Self { threads: rayon::current_num_threads(), archive_limits: ArchiveLimits::default() }
+        Self { threads: rayon::current_num_threads(), archive_limits: ArchiveLimits::default(), colmap: None }
     }
 }
 
@@ -67,6 +70,10 @@ impl ScienceRunner {
 }
 
 impl JobRunner for ScienceRunner {
+    fn runs(&self, kind: JobKind) -> bool {
+        kind != JobKind::Reconstruction || self.colmap.is_some()
+    }
+
     fn memory_need(&self, request: &JobRequest) -> u64 {
         memory::memory_need(request, self.threads)
     }
@@ -79,6 +86,9 @@ impl JobRunner for ScienceRunner {
         with_own_threads(self.threads, || match &context.job.request {
             JobRequest::Stack(request) => stack::run(context, request, &self.archive_limits, sink),
             JobRequest::Calibration(request) => calibration::run(context, request, &self.archive_limits, sink),
+            JobRequest::Reconstruction(request) => {
+                reconstruction::run(context, request, self.colmap.as_ref(), self.threads, sink)
+            }
         })
     }
 }

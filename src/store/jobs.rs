@@ -11,7 +11,7 @@ use pinstack_science::types::Warning;
 /// Which jobs a list contains. A filter that is `None` accepts every job.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct JobFilter {
-    /// Stacks or calibrations.
+    /// Stacks, calibrations or reconstructions.
     pub kind: Option<JobKind>,
     /// State.
     pub state: Option<JobState>,
@@ -19,7 +19,7 @@ pub struct JobFilter {
     pub rig: Option<Name>,
     /// Lens of the profile.
     pub lens: Option<Name>,
-    /// Scan of the stack.
+    /// Scan of the stack or reconstruction.
     pub scan: Option<Name>,
     /// Jobs that this token sent, and jobs sent without a token.
     pub owner: Option<Uuid>,

@@ -6,6 +6,7 @@
 //! | `executor` | one claimed job: admission, run, publication, end |
 //! | `ending` | how the run of a job ended |
 //! | `lease_keeper` | heartbeats, progress and cancellation of a running job |
+//! | [`pictures`] | places the pictures of a reconstruction in its scratch folder |
 //! | `disk_admission` | reserves disk space before a job starts |
 //! | `trace` | the span of a job in the traces of OpenTelemetry |
 //! | [`maintenance`] | hourly garbage collection |
@@ -15,6 +16,7 @@ mod ending;
 mod executor;
 mod lease_keeper;
 pub mod maintenance;
+pub mod pictures;
 pub mod pool;
 mod stages;
 mod trace;

@@ -139,7 +139,7 @@ impl TestApp {
 
     /// Claims the next job, like a worker.
     pub async fn claim(&self) -> Job {
-        self.store.metadata.claim(LEASE, 3).await.expect("the rows answer").expect("a job waits")
+        self.store.metadata.claim(LEASE, 3, None).await.expect("the rows answer").expect("a job waits")
     }
 
     /// Finishes a job with made-up results, like a worker.
@@ -163,6 +163,7 @@ impl TestApp {
                 verdict: "good".into(),
                 grade: Some(Grade::Good),
             }),
+            JobRequest::Reconstruction(_) => panic!("a test runs its own program for reconstructions"),
         };
         let finish = Finish::Succeeded { outcome: Box::new(outcome), warnings: Vec::new(), profile: None };
         assert!(self.store.metadata.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));

@@ -31,6 +31,7 @@ mod profile_files;
 mod profiles;
 mod profiles_elsewhere;
 mod queue;
+mod reconstructions;
 mod reports;
 mod reruns;
 mod results;

@@ -13,7 +13,7 @@ async fn the_slices_of_a_stack_are_shown_as_they_were_fused() {
     app.finish(&app.claim().await).await;
     let page = app.get(&format!("/stacks/{stack}")).send().await.unwrap().text().await.unwrap();
     let job = app.store.metadata.job(stack).await.unwrap().unwrap();
-    let count = job.request.layout().front.len();
+    let count = job.request.layout().expect("a stack").front.len();
     assert!(page.contains(&format!("Slice {count} of {count}, aligned")), "{page}");
     for _ in 0..2 {
         let answer = tile("slice-0/0/0/0").await;

@@ -1,4 +1,4 @@
-//! The machine: data folder, disk, memory, open files, address.
+//! The machine: data folder, disk, memory, open files, COLMAP, address.
 
 use std::{fs, io, path::Path, time::Duration};
 
@@ -7,6 +7,7 @@ use tokio::{net::TcpListener, time::timeout};
 use super::finding::Finding;
 use crate::{
     cli::{files, memory},
+    jobs::reconstruction::INSTALL,
     settings::Settings,
 };
 
@@ -112,6 +113,25 @@ pub(super) fn open_files(config: &Settings) -> Finding {
         return Finding::warning("open files", detail);
     }
     Finding::ok("open files", shown)
+}
+
+/// Whether workers here can reconstruct scans.
+pub(super) fn colmap(config: &Settings) -> Finding {
+    match (config.colmap(), &config.colmap) {
+        (Some(found), _) => Finding::ok("colmap", format!("reconstructions run {}", found.program.display())),
+        (None, _) if config.workers == 0 => Finding::ok("colmap", "not needed: no jobs run here (workers=0)"),
+        (None, Some(path)) => {
+            let detail = format!(
+                "there is no program {}: workers here leave reconstructions to others; correct the setting colmap",
+                path.display()
+            );
+            Finding::problem("colmap", detail)
+        }
+        (None, None) => Finding::warning(
+            "colmap",
+            format!("not found: workers here run no reconstructions; to have them, {INSTALL}"),
+        ),
+    }
 }
 
 /// Whether the address is free, or a pinstack answers there.

@@ -34,8 +34,8 @@ pub(in crate::cli) fn fitting(request: &JobRequest, scratch: &Path) -> Result<Sc
         while runner.threads > 1 && runner.memory_need(request) > most {
             runner.threads -= 1;
         }
-        let (need, layout) = (runner.memory_need(request), request.layout());
-        if need > most {
+        let need = runner.memory_need(request);
+        if let Some(layout) = request.layout().filter(|_| need > most) {
             bail!(
                 "slices of {} x {} px need {} of memory, and {whose} has {} for it: use a machine with more memory, or \
                  smaller pictures",

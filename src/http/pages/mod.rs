@@ -22,6 +22,7 @@ mod html;
 pub mod plan;
 pub mod pose_report;
 pub mod profiles;
+pub mod reconstruction;
 pub mod routes;
 pub mod scan;
 pub mod scans;

@@ -8,6 +8,7 @@ use maud::{Markup, html};
 
 use super::{
     frame::{Frame, PageUser, Place, respond},
+    reconstruction,
     stacks::thumbnail,
     words::{count, sentence, state, text},
 };
@@ -32,7 +33,8 @@ struct Shown<'a> {
     thumbnail: Option<&'a str>,
 }
 
-/// The page, or its table alone for the script that follows it (`?part=views`).
+/// The page, or for the script that follows it one of its parts alone: the table (`?part=views`), or the
+/// reconstructions (`?part=reconstructions`).
 ///
 /// # Errors
 /// `scan_not_found`.
@@ -45,6 +47,11 @@ pub async fn page(
 ) -> ApiResult<Response> {
     let mut pairs = params::pairs(&uri)?;
     let scan = find(&app, &caller, &name).await?;
+    let part = params::take(&mut pairs, "part");
+    let reconstructed = reconstruction::live(&reconstruction::latest(&app, &caller, &name).await?, user.stacks);
+    if part.as_deref() == Some("reconstructions") {
+        return Ok(respond(reconstructed));
+    }
     let views = views(&app, &caller, &name).await?;
     let url = |view: &crate::http::scans::table::View| {
         let result = view.stack.result.as_ref()?;
@@ -55,7 +62,7 @@ pub async fn page(
     let shown: Vec<Shown<'_>> =
         scan.views.iter().zip(&thumbnails).map(|(view, url)| Shown { view, thumbnail: url.as_deref() }).collect();
     let live = live(&scan, &shown);
-    if params::take(&mut pairs, "part").is_some() {
+    if part.is_some() {
         return Ok(respond(live));
     }
     let frame = Frame { title: name.as_str(), place: Place::Scans, user: Some(&user), script: Some("scan.js") };
@@ -80,6 +87,7 @@ pub async fn page(
         }
         p id="told" role="alert" {}
         div id="views" data-scan=(name) { (live) }
+        (reconstruction::section(&reconstructed, user.stacks, scan.summary.succeeded > 0, app.policy.reconstructs))
         (files(&scan))
         (poses())
     }))

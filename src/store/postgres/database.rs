@@ -28,6 +28,7 @@ const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(10);
 pub(in crate::store) const SCHEMA: Schema = Schema(&[
     (5, "rows", include_str!("schema/0005_rows.sql")),
     (6, "service", include_str!("schema/0006_service.sql")),
+    (7, "reconstructions", include_str!("schema/0007_reconstructions.sql")),
 ]);
 
 impl PostgresMetadata {

@@ -249,7 +249,7 @@ async fn insert_behind(
         return Ok(Enqueue::QueueFull { waiting: queue.waiting });
     }
     let now = store.now(&mut *connection).await?;
-    if let Some(over) = quota::exceeded(connection, job.owner, job.request.upload().bytes, now).await? {
+    if let Some(over) = quota::exceeded(connection, job.owner, own_bytes(&job.request), now).await? {
         return Ok(Enqueue::OverQuota(over));
     }
     let place = TurnInput::of(job, sender);
@@ -274,7 +274,7 @@ async fn insert_behind(
     .bind(job.idempotency.as_ref().map(|(key, _)| key.as_str()))
     .bind(job.idempotency.as_ref().map(|(_, fingerprint)| fingerprint.as_str()))
     .bind(job.owner)
-    .bind(signed(job.request.upload().bytes))
+    .bind(signed(own_bytes(&job.request)))
     .bind(place.background)
     .bind(&place.share)
     .bind(turn)
@@ -283,6 +283,11 @@ async fn insert_behind(
     .fetch_one(&mut *connection)
     .await?;
     Ok(Enqueue::Accepted(Box::new(row.try_into()?)))
+}
+
+/// Bytes that a job adds to the store: pictures that a reconstruction reads are results of stacks.
+fn own_bytes(request: &JobRequest) -> u64 {
+    request.own_upload().map_or(0, |upload| upload.bytes)
 }
 
 /// The turn of a job that is accepted now, as [`rows::turn`](crate::store::rows::turn) defines it.

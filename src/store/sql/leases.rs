@@ -29,8 +29,8 @@ use crate::{
 
 #[async_trait]
 impl Leases for Metadata {
-    async fn claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
-        self.observer.reached(answered(self.try_claim(lease, max_attempts)).await)
+    async fn claim(&self, lease: Duration, max_attempts: u32, except: Option<JobKind>) -> StoreResult<Option<Job>> {
+        self.observer.reached(answered(self.try_claim(lease, max_attempts, except)).await)
     }
 
     async fn heartbeat(
@@ -53,7 +53,7 @@ impl Leases for Metadata {
 }
 
 impl Metadata {
-    async fn try_claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
+    async fn try_claim(&self, lease: Duration, max_attempts: u32, except: Option<JobKind>) -> StoreResult<Option<Job>> {
         let mut tx = self.write().await?;
         let now = self.now(&mut *tx).await?;
         let lost = expired_leases(self, &mut tx, now).await?;
@@ -67,11 +67,13 @@ impl Metadata {
                  (SELECT seq FROM jobs WHERE state = 'running' AND id ",
             dialect!(IN "$3"),
             "
+                    AND ($6 IS NULL OR kind <> $6)
                   ORDER BY background, turn, seq LIMIT 1),
                  (SELECT seq FROM jobs",
             dialect!(INDEXED BY jobs_that_wait),
             "
                   WHERE state = 'queued' AND (claim_after IS NULL OR claim_after <= $2 OR claim_after > $2 + $5)
+                    AND ($6 IS NULL OR kind <> $6)
                   ORDER BY background, turn, seq LIMIT 1",
             dialect!(FOR UPDATE SKIP LOCKED),
             "))
@@ -82,6 +84,7 @@ impl Metadata {
         .bind(id_list(&lost))
         .bind(millis(lease))
         .bind(millis(MAX_PAUSE))
+        .bind(except.map(JobKind::as_str))
         .fetch_optional(&mut *tx)
         .await?;
         let changed: Vec<Uuid> = ended.into_iter().chain(row.as_ref().map(|row| row.id)).collect();
@@ -96,7 +99,7 @@ impl Metadata {
                 if let Some((id, token)) = claimed {
                     transitions::finish(self, id, token, &unreadable(id, &error)).await?;
                 }
-                return Box::pin(self.try_claim(lease, max_attempts)).await;
+                return Box::pin(self.try_claim(lease, max_attempts, except)).await;
             }
         };
         if let Some(job) = &job {

@@ -28,6 +28,7 @@ const ROWS_AHEAD: usize = 4;
 pub(in crate::store) const SCHEMA: Schema = Schema(&[
     (11, "rows", include_str!("schema/0011_rows.sql")),
     (12, "service", include_str!("schema/0012_service.sql")),
+    (13, "reconstructions", include_str!("schema/0013_reconstructions.sql")),
 ]);
 
 impl SqliteMetadata {

@@ -36,7 +36,7 @@ pub async fn queue(app: &App, jobs: &[Job]) -> StoreResult<Vec<Uuid>> {
 pub fn options(job: &Job) -> Option<&StackOptions> {
     match &job.request {
         JobRequest::Stack(request) => Some(&request.options),
-        JobRequest::Calibration(_) => None,
+        JobRequest::Calibration(_) | JobRequest::Reconstruction(_) => None,
     }
 }
 
@@ -49,6 +49,7 @@ pub fn name(job: &Job) -> String {
     let kind = match job.request.kind() {
         JobKind::Stack => "Stack",
         JobKind::Calibration => "Calibration",
+        JobKind::Reconstruction => "Reconstruction",
     };
     let id = job.id.simple().to_string();
     label.or(scan).or(file).unwrap_or_else(|| format!("{kind} {}", id.get(24..).unwrap_or_default()))
