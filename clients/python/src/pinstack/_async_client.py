@@ -421,6 +421,40 @@ class AsyncClient:
         """
         return await self._transport.run(self._do.poses(file, scan, options))
 
+    # -- reconstructions -----------------------------------------------------------------------------------------------
+
+    async def start_reconstruction(self, scan: str, **options: Any) -> models.Reconstruction:
+        """Has COLMAP reconstruct the views of a scan, and returns at once; ``wait`` waits for it.
+
+        Args:
+            scan: the scan; all its views must have a result.
+            options: ``partial=True`` leaves out views without a result; ``max_error_px`` is the largest error of
+                reprojection.
+        """
+        return await self._transport.run(self._do.post(path("v1", "scans", scan, "reconstructions"), options))
+
+    async def reconstruct(
+        self,
+        scan: str,
+        *,
+        on_progress: Optional[OnProgress] = None,
+        timeout_s: Optional[float] = None,
+        **options: Any,
+    ) -> models.Reconstruction:
+        """The same, and waits until it has ended. Its files: ``artifact(reconstruction, "points")``, ``"cameras"``, ...
+
+        >>> [finding["detail"] for finding in client.reconstruct("beetle")["result"]["findings"]]  # doctest: +SKIP
+        """
+        return await self._transport.run(self._do.reconstruct(scan, options, on_progress, timeout_s))
+
+    async def list_reconstructions(self, scan: str, *, most: Optional[int] = None) -> List[models.Reconstruction]:
+        """The reconstructions of a scan, newest first."""
+        return await self._transport.run(self._do.pages(path("v1", "scans", scan, "reconstructions"), query(), most))
+
+    async def get_reconstruction(self, id: str) -> models.Reconstruction:
+        """A reconstruction."""
+        return await self._transport.run(self._do.get(path("v1", "reconstructions", id)))
+
     # -- anything else -------------------------------------------------------------------------------------------------
 
     async def request(
