@@ -6,7 +6,7 @@ use uuid::Uuid;
 
 use super::{
     stacks::row,
-    words::{ago, count, sentence, text},
+    words::{count, date, sentence, text},
 };
 use crate::{
     contract::{
@@ -64,7 +64,8 @@ pub fn live((jobs, queue): &(Vec<Job>, Vec<Uuid>), may_cancel: bool) -> Markup {
     let now = Timestamp::now();
     html! {
         div data-state=(newest.state.as_str()) {
-            p { "Started " (ago(newest.created_at, now)) "." }
+            // no time that passes: a table that was opened stays open
+            p { "Started " (date(newest.created_at)) " UTC." }
             (row::how(newest, queue, now))
             @if may_cancel && !newest.state.is_final() {
                 div.buttons {
@@ -76,7 +77,7 @@ pub fn live((jobs, queue): &(Vec<Job>, Vec<Uuid>), may_cancel: bool) -> Markup {
         }
         @if !older.is_empty() {
             h3 { "Earlier" }
-            ul { @for job in older { li { (ago(job.created_at, now)) ": " (in_short(job)) } } }
+            ul { @for job in older { li { (date(job.created_at)) ": " (in_short(job)) } } }
         }
     }
 }
