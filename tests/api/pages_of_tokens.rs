@@ -22,6 +22,11 @@ async fn pages_lead_to_the_form_for_a_token_and_a_token_opens_them() {
         (StatusCode::SEE_OTHER, &"/sign-in?next=%2Fscans%3Fcursor%3D1".parse().unwrap())
     );
     assert!(page(&app, "/sign-in?next=%2Fscans").await.contains("value=\"/scans\""));
+    // a link of a page to the API, when the session has ended
+    let report = || client.get(url("/v1/calibrations/x/report?a=b")).header("accept", HTML);
+    let to = report().header("sec-fetch-dest", "document").send().await.unwrap();
+    assert_eq!(to.headers()["location"], "/sign-in?next=%2Fv1%2Fcalibrations%2Fx%2Freport%3Fa%3Db");
+    problem(report().send().await.unwrap(), 401, "unauthorized").await;
 
     let sign_in = |form: String, origin: &str| {
         let request = client.post(url("/sign-in")).header("origin", origin.to_owned()).header("accept", HTML);
