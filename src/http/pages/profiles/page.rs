@@ -59,7 +59,7 @@ fn facts(profile: &Profile) -> Markup {
         }
         dl.facts {
             dt { "Revision" } dd { (profile.revision) ", " (date(profile.created_at)) " UTC" }
-            dt { "Slices" } dd { (input.homographies.len()) ", the reference is number " (input.reference_index) }
+            dt { "Slices" } dd { (input.homographies.len()) ", numbered from 0; the reference is slice " (input.reference_index) }
             dt { "Size" } dd { (input.image_width) " × " (input.image_height) " px" }
             @if let Some(pitch) = input.pixel_pitch_mm { dt { "Pixel pitch" } dd { (pitch) " mm" } }
             @if let Some(distance) = input.principal_distance_mm {

@@ -67,7 +67,7 @@ fn layers(job: &Job, outcome: &StackOutcome, prefix: &str) -> Vec<Layer> {
 /// The slices of a stack, warped to the reference slice, from the one that is fused first.
 fn slices(job: &Job, outcome: &StackOutcome, count: usize) -> impl Iterator<Item = Layer> {
     (0..count).map(move |index| Layer {
-        name: format!("Slice {} of {count}, aligned", index + 1),
+        name: format!("Slice {index} of 0 to {}, aligned", count.saturating_sub(1)),
         tiles: link!("/stacks/{}/tiles/{SLICE}{index}", job.id),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         width: outcome.image.width,
