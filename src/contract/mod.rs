@@ -18,6 +18,7 @@ pub mod ranges;
 pub mod request;
 pub mod scan;
 pub mod upload_purpose;
+pub mod verdict;
 
 pub use error::{Code, Fault, Problem};
 pub use job::{JobKind, JobState, Progress};
@@ -28,3 +29,4 @@ pub use priority::Priority;
 pub use profile_summary::ProfileSummary;
 pub use scan::{Scan, ScanInput};
 pub use upload_purpose::UploadPurpose;
+pub use verdict::Verdict;

@@ -49,6 +49,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(job_endpoints::stacks::get, job_endpoints::stacks::delete))
         .routes(routes!(job_endpoints::stacks::events))
         .routes(routes!(job_endpoints::stacks::cancel))
+        .routes(routes!(stacks::totals::totals))
         .routes(routes!(stacks::metrics::metrics))
         .merge(stacks::artifacts::routes())
         .routes(routes!(stacks::lights::light))

@@ -15,7 +15,7 @@ use pinstack::{
 use pinstack_science::{
     fusion::height::axis::{HeightDirection, HeightUnit},
     imaging::{Raster, codec},
-    types::{metrics::Metrics, report::Grade},
+    types::{Warning, WarningCode, metrics::Metrics, report::Grade},
 };
 use reqwest::{Client, RequestBuilder, Response, StatusCode};
 use serde_json::{Value, json};
@@ -174,6 +174,15 @@ impl TestApp {
         change(&mut outcome);
         let outcome = Box::new(JobOutcome::Stack(outcome));
         let finish = Finish::Succeeded { outcome, warnings: Vec::new(), profile: None };
+        assert!(self.store.metadata.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));
+    }
+
+    /// Finishes a stack with warnings of these codes.
+    pub async fn finish_warned(&self, job: &Job, codes: &[&str]) {
+        let outcome = Box::new(JobOutcome::Stack(self.stack_outcome(job, true).await));
+        let warning = |code: &&str| Warning::new(WarningCode::from((*code).to_owned()), format!("sentence of {code}"));
+        let warnings = codes.iter().map(warning).collect();
+        let finish = Finish::Succeeded { outcome, warnings, profile: None };
         assert!(self.store.metadata.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));
     }
 

@@ -12,6 +12,7 @@ mod cursors;
 mod disk_budget;
 mod doctor;
 mod exposition;
+mod finding;
 mod forms;
 mod fuse;
 mod guide;

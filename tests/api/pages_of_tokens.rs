@@ -76,7 +76,7 @@ async fn a_token_that_may_only_read_sees_no_buttons_that_are_refused() {
         let request = app.client.get(format!("{base}{path}")).bearer_auth(&reader).header("accept", HTML);
         request.send().await.unwrap()
     };
-    for path in ["/", "/scans", "/scans/bee", "/profiles", &format!("/stacks/{stack}")] {
+    for path in ["/", "/stacks", "/scans", "/scans/bee", "/profiles", &format!("/stacks/{stack}")] {
         let text = checked(get(path).await).await;
         for button in ["id=\"delete\"", "id=\"cancel\"", "id=\"rerun\"", "href=\"/send"] {
             assert!(!text.contains(button), "{button} on {path}");
@@ -112,7 +112,7 @@ async fn an_isolated_token_sees_no_work_of_others_on_any_page() {
     app.finish(&app.claim().await).await;
     let get =
         async |path: &str, token: &str| app.get(path).bearer_auth(token).header("accept", HTML).send().await.unwrap();
-    for path in ["/", "/scans", "/send", &format!("/stacks/{bobs}?compare={stack}")] {
+    for path in ["/", "/stacks", "/scans", "/send", &format!("/stacks/{bobs}?compare={stack}")] {
         let text = checked(get(path, &bob).await).await;
         assert!(!text.contains("secret-beetle") && !text.contains("anns"), "{path}: {text}");
     }

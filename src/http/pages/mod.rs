@@ -18,6 +18,7 @@ pub mod calibration_report;
 pub mod errors;
 pub mod frame;
 pub mod guide;
+pub mod home;
 mod html;
 pub mod plan;
 pub mod pose_report;

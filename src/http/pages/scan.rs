@@ -9,10 +9,10 @@ use maud::{Markup, html};
 use super::{
     frame::{Frame, PageUser, Place, respond},
     stacks::thumbnail,
-    words::{count, sentence, state, text},
+    words::{count, sentence, state, text, verdict},
 };
 use crate::{
-    contract::JobState,
+    contract::{JobState, Verdict},
     http::{
         ApiResult, App,
         auth::Caller,
@@ -170,26 +170,24 @@ fn grid(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
 fn cell(one: &Shown<'_>) -> Markup {
     let view = one.view;
     let is_lost = matches!(view.state, JobState::Failed | JobState::Cancelled);
-    let is_odd = !view.outliers.is_empty() || !view.findings.is_empty();
-    let class = if is_lost {
-        "view lost"
-    } else if is_odd {
-        "view odd"
-    } else {
-        "view"
+    let class = match view.verdict {
+        _ if is_lost => "view lost",
+        Some(Verdict::DoNotUse) => "view bad",
+        Some(Verdict::Look) => "view odd",
+        _ => "view",
     };
     let words = match view.state {
         JobState::Queued => "waiting".to_owned(),
         JobState::Running => format!("{:.0} %", 100.0 * view.progress),
-        JobState::Succeeded if is_odd => "differs or has warnings".to_owned(),
-        JobState::Succeeded => "done".to_owned(),
+        JobState::Succeeded => view.verdict.map_or("done", Verdict::words).to_owned(),
         JobState::Failed => "failed".to_owned(),
         JobState::Cancelled => "cancelled".to_owned(),
     };
     html! {
         a class=(class) href=(stack_page(view)) aria-label={ (view.name) ", " (words) } title={ (view.name) ", " (words) } {
             @if let Some(url) = one.thumbnail { img src=(url) alt="" loading="lazy" width="88" height="67"; } @else { (words) }
-            @if is_lost { b aria-hidden="true" { "✕" } } @else if is_odd { b aria-hidden="true" { "!" } }
+            @if is_lost { b aria-hidden="true" { "✕" } }
+            @else if let Some(found) = view.verdict.filter(|found| *found != Verdict::Use) { span.word aria-hidden="true" { (found.words()) } }
         }
     }
 }
@@ -212,7 +210,10 @@ fn table(shown: &[Shown<'_>]) -> Markup {
                     @for Shown { view, .. } in shown.iter().take(MOST) {
                         tr {
                             td.l { a href=(stack_page(view)) { (text(&view.name)) } }
-                            td.l { (state(view.state)) @if view.state == JobState::Running { " " (format!("{:.0} %", 100.0 * view.progress)) } }
+                            td.l {
+                                @match view.verdict { Some(found) => (verdict(found)), None => (state(view.state)) }
+                                @if view.state == JobState::Running { " " (format!("{:.0} %", 100.0 * view.progress)) }
+                            }
                             td { (number(view.pan_deg, 1)) } td { (number(view.tilt_deg, 1)) }
                             td { (number(view.sharpness, 0)) } td { (percent(view.mask_area)) }
                             td { (number(view.residual_px, 2)) } td { (percent(view.unfocused_fraction)) }

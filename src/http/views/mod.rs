@@ -1,5 +1,6 @@
 //! What responses show: rows without what is internal to the service (blob keys, leases).
 
+pub mod advice;
 pub mod calibration;
 pub mod job;
 pub mod list;

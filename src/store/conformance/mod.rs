@@ -30,6 +30,7 @@ pub mod memory;
 pub mod parts;
 pub mod profiles;
 pub mod scans;
+pub mod search;
 mod suites;
 pub mod tokens;
 pub mod totals;

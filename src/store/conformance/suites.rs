@@ -36,6 +36,9 @@ macro_rules! metadata_conformance {
                 a_page_ends_at_its_size_limit,
                 the_versions_of_several_jobs_are_read_at_once,
                 a_result_that_could_not_be_read_again_fails_the_job;
+            search:
+                jobs_are_found_by_words_names_times_and_how_they_ended,
+                another_version_of_the_index_is_made_anew;
             scans:
                 a_scan_comes_back_as_it_was_put_and_counts_its_versions,
                 scans_are_listed_newest_first_filtered_and_by_owner,

@@ -6,7 +6,7 @@ use uuid::Uuid;
 
 use super::{
     engine::{Connection, Db, Metadata, dialect, id_list},
-    quota, scans,
+    quota, scans, search,
     transitions::{apply, state_and_lease},
 };
 use crate::{
@@ -15,14 +15,13 @@ use crate::{
         BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, Page, PageRequest,
         StoreResult, json,
         rows::{
-            JobRow, blob_keys, counts, keep_ms, kind, listed,
-            page::Window,
-            signed, state,
+            JobRow, blob_keys, counts, keep_ms, kind, signed, state,
             transaction::{Lock, Notice},
             transition::Transition,
             turn::{Queue, TurnInput},
             unsigned,
         },
+        search::{FoundStacks, terms},
     },
 };
 use pinstack_science::types::Warning;
@@ -78,26 +77,11 @@ impl JobQueue for Metadata {
     }
 
     async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>> {
-        let window = Window::of(filter.kind.map_or("jobs", JobKind::as_str), page)?;
-        let rows = sqlx::query_as(
-            "SELECT * FROM jobs
-             WHERE seq < $1 AND NOT delete_requested
-               AND ($2 IS NULL OR kind = $2) AND ($3 IS NULL OR state = $3)
-               AND ($4 IS NULL OR rig = $4) AND ($5 IS NULL OR lens = $5) AND ($6 IS NULL OR scan = $6)
-               AND ($8 IS NULL OR owner IS NULL OR owner = $8)
-             ORDER BY seq DESC LIMIT $7",
-        )
-        .bind(window.before)
-        .bind(filter.kind.map(JobKind::as_str))
-        .bind(filter.state.map(JobState::as_str))
-        .bind(filter.rig.as_ref().map(Name::as_str))
-        .bind(filter.lens.as_ref().map(Name::as_str))
-        .bind(filter.scan.as_ref().map(Name::as_str))
-        .bind(window.rows)
-        .bind(filter.owner)
-        .fetch(self.reading());
-        let (rows, next_cursor) = window.fill(rows, |row: &JobRow| (row.seq, row.bytes())).await?;
-        listed(rows, next_cursor).await
+        search::jobs(self, filter, page).await
+    }
+
+    async fn found(&self, filter: &JobFilter) -> StoreResult<FoundStacks> {
+        search::found(self, filter).await
     }
 
     async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>> {
@@ -282,6 +266,7 @@ async fn insert_behind(
     .bind(job.trace.as_deref())
     .fetch_one(&mut *connection)
     .await?;
+    search::index(connection, row.seq, terms(job.rig.as_str(), job.lens.as_str(), &job.request)).await?;
     Ok(Enqueue::Accepted(Box::new(row.try_into()?)))
 }
 

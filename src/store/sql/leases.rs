@@ -9,7 +9,7 @@ use uuid::Uuid;
 
 use super::{
     engine::{Connection, Metadata, answered, dialect, id_list},
-    transitions,
+    search, transitions,
 };
 use crate::{
     contract::{Code, JobKind, Progress},
@@ -23,6 +23,7 @@ use crate::{
             transaction::Notice,
             transition::{unreadable, worker_lost},
         },
+        search::FAILED,
     },
     telemetry::events,
 };
@@ -244,7 +245,10 @@ async fn end_lost_jobs(connection: &mut Connection, now: i64, lost: &[Uuid], max
     .bind(id_list(lost))
     .fetch_all(&mut *connection)
     .await?;
-    ended.extend(failed.iter().map(|(id, _)| *id));
+    for (id, _) in &failed {
+        search::index_end(&mut *connection, *id, FAILED).await?;
+        ended.push(*id);
+    }
     let kinds: StoreResult<Vec<JobKind>> = failed.iter().map(|(_, name)| kind(name)).collect();
     Ok(Ended { ids: ended, failed: kinds? })
 }

@@ -246,11 +246,36 @@ class Client:
         lens: Optional[str] = None,
         scan: Optional[str] = None,
         state: Optional[models.JobState] = None,
+        verdict: Optional[models.Verdict] = None,
+        q: Optional[str] = None,
+        since: Optional[str] = None,
+        until: Optional[str] = None,
         most: Optional[int] = None,
     ) -> List[models.Stack]:
-        """Stacks, newest first."""
-        parameters = query(rig=rig, lens=lens, scan=scan, state=state)
+        """Stacks, newest first.
+
+        Args:
+            q: words of label, scan, rig, lens and file name; the beginning of a word is enough.
+            since: the first day (``"2026-11-27"``, UTC) or time of acceptance.
+            until: the last day or time.
+            most: at most this many.
+        """
+        parameters = query(rig=rig, lens=lens, scan=scan, state=state, verdict=verdict, q=q, since=since, until=until)
         return self._transport.run(self._do.pages("/v1/stacks", parameters, most))
+
+    def count_stacks(
+        self,
+        *,
+        rig: Optional[str] = None,
+        lens: Optional[str] = None,
+        scan: Optional[str] = None,
+        q: Optional[str] = None,
+        since: Optional[str] = None,
+        until: Optional[str] = None,
+    ) -> models.StackTotals:
+        """Numbers of stacks by verdict, each counted up to 10,000. The arguments are those of ``list_stacks``."""
+        parameters = query(rig=rig, lens=lens, scan=scan, q=q, since=since, until=until)
+        return self._transport.run(self._do.get("/v1/stack-totals", parameters))
 
     def get_stack(self, stack: Reference) -> models.Stack:
         """A stack as it is now."""

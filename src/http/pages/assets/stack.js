@@ -32,7 +32,7 @@ by('delete')?.addEventListener('click', async () => {
   if (!await confirmed('Delete this stack, its results and the zip that was sent? This cannot be undone.', 'Delete')) return;
   await act(by('delete'), async () => {
     await call('DELETE', url);
-    location.assign(link('/'));
+    location.assign(link('/stacks'));
   });
 });
 

@@ -37,7 +37,7 @@ pub async fn page(State(app): State<App>, user: PageUser, ProfileKey { rig, lens
         div.head {
             div { p.crumbs { a href=(link!("/profiles")) { "Profiles" } } h1 { (title) } }
             div.buttons {
-                a.button href=(link!("/?rig={rig}&lens={lens}")) { "Its stacks" }
+                a.button href=(link!("/stacks?rig={rig}&lens={lens}")) { "Its stacks" }
                 a.button href=(export) download { "Export" }
                 a.button href={ (export) "?format=npz" } download { "Arrays (npz)" }
             }

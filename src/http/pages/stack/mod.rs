@@ -2,6 +2,7 @@
 
 pub mod actions;
 pub mod facts;
+pub mod findings;
 pub mod page;
 pub mod plots;
 pub mod tiles;

@@ -10,7 +10,7 @@ use jiff::Timestamp;
 use maud::{Markup, html};
 use uuid::Uuid;
 
-use super::{actions, facts, plots, tiles::slices_shown, viewer};
+use super::{actions, facts, findings::Findings, plots, tiles::slices_shown, viewer};
 use crate::{
     contract::{JobKind, JobState, request::JobRequest},
     http::{
@@ -58,19 +58,21 @@ pub async fn page(
     let name = row::name(&job);
     let reference = app.store.metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
     let reference = reference.map(|profile| profile.input.reference_index as usize);
+    let findings = Findings::of(&app, &job, request, &user).await?;
     let frame = Frame { title: &name, place: Place::Stacks, user: Some(&user), script: Some("stack.js") };
     Ok(frame.answer(html! {
         div.head {
             div {
-                p.crumbs { a href=(link!("/")) { "Stacks" } }
+                p.crumbs { a href=(link!("/stacks")) { "Stacks" } }
                 h1 { (text(&name)) }
             }
             (actions::buttons(&job, &user))
         }
         p id="told" role="alert" {}
         div id="state" data-stack=(id) { (state) }
+        (findings.serious())
         @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, slices, other.as_ref())) }
-        (facts::warnings(&job, outcome))
+        (findings.notes())
         (actions::rerun(&job, &user))
         @if let Some(outcome) = outcome { (plots::plots(&outcome.metrics, reference)) }
         div.columns {

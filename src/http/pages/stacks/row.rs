@@ -8,10 +8,10 @@ use uuid::Uuid;
 
 use super::thumbnail;
 use crate::{
-    contract::{JobKind, JobState, Priority, options::StackOptions, request::JobRequest},
+    contract::{JobKind, JobState, Priority, options::StackOptions, request::JobRequest, verdict::explained},
     http::{
         App,
-        pages::words::{ago, count, duration, ordinal, sentence, state, text},
+        pages::words::{ago, count, duration, ordinal, phrase, sentence, state, text, verdict},
     },
     store::{Job, StoreResult},
 };
@@ -54,6 +54,14 @@ pub fn name(job: &Job) -> String {
     label.or(scan).or(file).unwrap_or_else(|| format!("{kind} {}", id.get(24..).unwrap_or_default()))
 }
 
+/// URL of the page of a job.
+fn page(job: &Job) -> String {
+    match job.request.kind() {
+        JobKind::Stack => link!("/stacks/{}", job.id),
+        JobKind::Calibration => link!("/calibrations/{}", job.id),
+    }
+}
+
 /// Pan and tilt, as far as they are known.
 pub fn angles(options: &StackOptions) -> String {
     let of = |name: &str, angle: Option<f64>| angle.map(|angle| format!("{name} {angle}°"));
@@ -67,7 +75,7 @@ pub fn row(job: &Job, queue: &[Uuid], now: Timestamp) -> Markup {
         li id={ "job-" (job.id) } data-state=(job.state.as_str()) {
             (thumbnail::picture(job))
             div.what {
-                a.name href=(link!("/stacks/{}", job.id)) { (text(&name(job))) }
+                a.name href=(page(job)) { (text(&name(job))) }
                 div.meta {
                     (job.rig) " · " (job.lens)
                     @if let Some(scan) = job.request.scan() {
@@ -78,10 +86,10 @@ pub fn row(job: &Job, queue: &[Uuid], now: Timestamp) -> Markup {
                 }
                 @if let Some(error) = &job.error {
                     p.bad { (sentence(&error.detail)) }
-                } @else if let Some(first) = job.warnings.first() {
-                    p.warn {
-                        span aria-hidden="true" { "! " } (sentence(&first.detail))
-                        @if job.warnings.len() > 1 { " And " (count(job.warnings.len() - 1, "more warning", "more warnings")) "." }
+                } @else if let Some(worst) = explained(&job.warnings, &[]).first() {
+                    p.found {
+                        (phrase(&worst.explanation)) "."
+                        @if job.warnings.len() > 1 { " " span.soft { "And " (count(job.warnings.len() - 1, "more warning", "more warnings")) "." } }
                     }
                 }
             }
@@ -93,7 +101,10 @@ pub fn row(job: &Job, queue: &[Uuid], now: Timestamp) -> Markup {
 /// State, progress, time left or place in the queue.
 pub fn how(job: &Job, queue: &[Uuid], now: Timestamp) -> Markup {
     html! {
-        (state(job.state))
+        @match job.verdict() {
+            Some(found) => (verdict(found)),
+            None => (state(job.state)),
+        }
         @match job.state {
             JobState::Running => {
                 progress max="1" value=(format!("{:.3}", job.progress.fraction)) aria-label="Progress" {}
