@@ -5,9 +5,12 @@ At run time each is a plain ``dict``: members that a newer service adds are kept
 
 from __future__ import annotations
 
-from typing import Dict, List, Literal, Optional, TypedDict
+from typing import Any, Dict, List, Literal, Optional, TypedDict
 
 from typing_extensions import NotRequired
+
+
+ActionKind = Literal["fuse_again", "calibrate", "delete"]
 
 
 CalibrationSource = Literal["dot_target", "stacks"]
@@ -104,6 +107,31 @@ UploadProgress = Literal["receiving", "complete", "refused"]
 
 
 UploadPurpose = Literal["stack", "calibration", "scan"]
+
+
+Verdict = Literal["use", "look", "do_not_use"]
+
+
+class Action(TypedDict):
+    """A request that does what a finding needs."""
+
+    href: str
+    kind: ActionKind
+    label: str
+    method: str
+    options: NotRequired[Optional[Dict[str, Any]]]
+
+
+class Advice(TypedDict):
+    """A warning or note of a stack: what happened, what to do, and what the service can do about it."""
+
+    actions: List[Action]
+    code: str
+    cure: str
+    detail: str
+    slices: List[int]
+    title: str
+    verdict: Verdict
 
 
 class AlignmentMetrics(TypedDict):
@@ -776,6 +804,7 @@ class ScanView(TypedDict):
     state: JobState
     tilt_deg: NotRequired[Optional[float]]
     unfocused_fraction: NotRequired[Optional[float]]
+    verdict: NotRequired[Optional[Verdict]]
 
 
 class ScanWithViews(Scan):
@@ -815,6 +844,7 @@ class SliceMetrics(TypedDict):
 class Stack(JobView):
     """A focus stack and its results."""
 
+    advice: List[Advice]
     artifacts: List[ArtifactView]
     height: NotRequired[Optional[HeightInfo]]
     image: NotRequired[Optional[ImageInfo]]
@@ -827,6 +857,7 @@ class Stack(JobView):
     rerun_of: NotRequired[Optional[str]]
     slices: StackLayout
     software: NotRequired[Optional[str]]
+    verdict: NotRequired[Optional[Verdict]]
 
 
 class StackLayout(TypedDict):
@@ -930,6 +961,16 @@ class StackOptionsInput(TypedDict):
     sigma_g: NotRequired[float]
     tilt_deg: NotRequired[Optional[float]]
     under_alpha: NotRequired[UnderAlpha]
+
+
+class StackTotals(TypedDict):
+    """Numbers of stacks."""
+
+    do_not_use: int
+    failed: int
+    look: int
+    stacks: int
+    use: int
 
 
 class StageTime(TypedDict):
