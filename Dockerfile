@@ -13,10 +13,11 @@ RUN apt-get update && apt-get install -y --no-install-recommends python3 && rm -
 # rust-toolchain.toml stays out: it asks for tools of developers that the image lacks.
 COPY Cargo.toml Cargo.lock ./
 COPY science/Cargo.toml science/
-RUN mkdir -p src science/src science/benches \
+RUN mkdir -p src science/src \
     && echo 'fn main() {}' > src/main.rs && touch src/lib.rs science/src/lib.rs \
-    && for bench in $(sed -n '/^\[\[bench\]\]/{n;s/^name = "\(.*\)"/\1/p}' science/Cargo.toml); do \
-         echo 'fn main() {}' > "science/benches/$bench.rs"; done \
+    && for crate in . science; do mkdir -p "$crate/benches" \
+         && for bench in $(sed -n '/^\[\[bench\]\]/{n;s/^name = "\(.*\)"/\1/p}' "$crate/Cargo.toml"); do \
+              echo 'fn main() {}' > "$crate/benches/$bench.rs"; done; done \
     && cargo build --release --locked --bin pinstack
 COPY science/src science/src
 COPY src src
@@ -61,7 +62,7 @@ ENV PINSTACK_LISTEN=0.0.0.0:8080 PINSTACK_DATA_DIR=/data PATH=/usr/local/bin
 VOLUME /data
 EXPOSE 8080
 STOPSIGNAL SIGTERM
-HEALTHCHECK --interval=15s --timeout=5s --start-period=10s --retries=3 CMD ["/usr/local/bin/pinstack", "health"]
+HEALTHCHECK --interval=5s --timeout=5s --start-period=10s --retries=3 CMD ["/usr/local/bin/pinstack", "health"]
 ENTRYPOINT ["/usr/local/bin/pinstack"]
 CMD ["serve"]
 ARG VERSION=unknown

@@ -1,10 +1,10 @@
 //! The queue by itself: how long accepting, claiming and ending a job take with 10 to 100,000 jobs waiting, how many
 //! jobs per second 1, 2 and 4 processes with workers get through when the jobs are no work, and how many transactions
-//! per second hundreds of waiting clients cost.
+//! per second hundreds of waiting clients cost; and how long finding stacks takes among 1,000 and 100,000.
 //!
 //! ```text
-//! cargo bench --features testing --bench queue                 # all three tables, minutes
-//! cargo bench --features testing --bench queue -- depth        # or: workers, streams
+//! cargo bench --features testing --bench queue                 # all tables, minutes
+//! cargo bench --features testing --bench queue -- depth        # or: workers, streams, search
 //! ```
 //!
 //! Postgres is that of `PINSTACK_TEST_POSTGRES_URL`, or a private one from Debian's package, without `fsync`: its
@@ -12,6 +12,8 @@
 
 #[path = "queue/depth.rs"]
 mod depth;
+#[path = "queue/search.rs"]
+mod search;
 #[path = "queue/store.rs"]
 mod store;
 #[path = "queue/streams.rs"]
@@ -36,5 +38,8 @@ fn main() {
     }
     if is_wanted("streams") {
         runtime.block_on(streams::run());
+    }
+    if is_wanted("search") {
+        runtime.block_on(search::run());
     }
 }

@@ -42,7 +42,7 @@ async fn measure(metadata: &dyn MetadataStore) -> [Vec<Duration>; 4] {
         times[0].push(begun.elapsed());
         assert!(matches!(accepted, Enqueue::Accepted(_)));
         let begun = Instant::now();
-        let claimed = metadata.claim(LEASE, 3).await.expect("claim").expect("jobs wait");
+        let claimed = metadata.claim(LEASE, 3, None).await.expect("claim").expect("jobs wait");
         times[1].push(begun.elapsed());
         let progress = Progress { stage: "fusing".into(), completed: 1, total: 2, fraction: 0.5 };
         let begun = Instant::now();

@@ -69,5 +69,6 @@ pub mod segmentation;
 pub mod synth;
 
 pub mod archive;
+pub mod hull;
 pub mod optics;
 pub mod photogrammetry;

@@ -27,6 +27,7 @@ use tracing_subscriber::{
     util::SubscriberInitExt,
 };
 
+use super::output::note;
 use crate::{settings::LogFormat, telemetry::events};
 
 /// Lines that wait to be written. More are dropped.
@@ -43,6 +44,14 @@ enum Entry {
     Line(Vec<u8>),
     /// A caller waits for the end of the lines before it.
     Flush(SyncSender<()>),
+}
+
+/// Tells that the process has begun its work: in a line without a time, or in the log where programs read it.
+pub fn announce(format: LogFormat, line: &str) {
+    match format {
+        LogFormat::Text => note(line),
+        LogFormat::Json => tracing::info!("{line}"),
+    }
 }
 
 /// Starts logging. `filter` is a level, or levels by crate or module: `info`, `info,pinstack=debug`, ...

@@ -10,6 +10,7 @@ pub mod files;
 pub mod fuse;
 pub mod gc;
 pub mod health;
+pub mod hull;
 mod local;
 pub mod logging;
 mod memory;
@@ -19,6 +20,7 @@ pub mod output;
 pub mod plan;
 pub mod poses;
 mod process;
+pub mod reconstruct;
 pub mod serve;
 mod sheet;
 pub mod store;
@@ -63,8 +65,10 @@ enum Command {
     Backup(backup::Backup),
     Restore(backup::Restore),
     Bundle(bundle::Bundle),
+    Hull(hull::Hull),
     Plan(plan::Plan),
     Poses(poses::Poses),
+    Reconstruct(reconstruct::Reconstruct),
     Target(target::Target),
     Doctor(doctor::Doctor),
     /// Check whether a running server is ready; the exit code is 0 if it is
@@ -90,8 +94,10 @@ pub fn main() -> ExitCode {
         Some(Command::Backup(backup)) => backup.run(),
         Some(Command::Restore(restore)) => restore.run(),
         Some(Command::Bundle(bundle)) => bundle.run(),
+        Some(Command::Hull(hull)) => hull.run(),
         Some(Command::Plan(plan)) => plan.run(),
         Some(Command::Poses(poses)) => poses.run(),
+        Some(Command::Reconstruct(reconstruct)) => reconstruct.run(),
         Some(Command::Target(target)) => target.run(),
         Some(Command::Health(flags)) => health::run(&flags),
     };

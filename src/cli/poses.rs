@@ -57,7 +57,8 @@ fn file_format(text: &str) -> Result<PoseFormat, serde::de::value::Error> {
     PoseFormat::deserialize(text.into_deserializer())
 }
 
-fn length(text: &str) -> Result<f64, String> {
+/// A length greater than 0.
+pub(super) fn length(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     if value > 0.0 && value.is_finite() { Ok(value) } else { Err("must be greater than 0".to_owned()) }
 }

@@ -8,8 +8,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::{
     access::{TokensRequired, tokens_required},
-    files, logging,
-    output::note,
+    files, logging, memory,
     process::{GRACE, StopSignals},
     store::{create, make_files_private},
     tls,
@@ -35,7 +34,7 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         let service = Service::start(&config).await?;
         let signals = StopSignals::listen()?;
         let scheme = if config.tls_cert.is_some() { "https" } else { "http" };
-        note(format!("listening on {scheme}://{}", service.address()));
+        logging::announce(config.log_format, &format!("listening on {scheme}://{}", service.address()));
         if let Some(file) = &config.port_file {
             write_port_file(file, service.address())?;
         }
@@ -79,6 +78,7 @@ impl Service {
             .with_context(|| format!("listen: cannot listen on {}", config.listen))?;
         let address = listener.local_addr()?;
 
+        let colmap = config.colmap();
         let required = tokens_required(config.auth, address.ip(), &*store.metadata).await?;
         let policy = Policy {
             auth_required: required == TokensRequired::Always,
@@ -86,14 +86,21 @@ impl Service {
             listen: Some(address.ip()),
             max_connections: connections(config),
             hosts: hosts(config),
+            reconstructs: colmap.is_some() || config.workers == 0 || config.database()?.is_some(),
             ..config.clone().into()
         };
         let app = App::new(store.clone(), policy);
         let shutdown = app.shutdown.clone();
-        let science = ScienceRunner { archive_limits: app.policy.archive, ..ScienceRunner::default() };
+        let worker = memory::within(config.worker());
+        let science = ScienceRunner {
+            archive_limits: app.policy.archive,
+            memory: worker.memory_limit,
+            colmap,
+            ..ScienceRunner::default()
+        };
         let (disk, health, runner) = (Arc::clone(&app.disk), Arc::clone(&app.health), Arc::new(science));
         let deps = Deps { store: store.clone(), disk, runner };
-        let pool = Pool::start(deps, config.worker());
+        let pool = Pool::start(deps, worker);
         if config.workers > 0 {
             health.watch_workers(pool.alive());
         }

@@ -1,10 +1,17 @@
 //! The store, for commands that work on it beside a running server or without one.
 
-use std::path::PathBuf;
+use std::{
+    fs,
+    os::unix::fs::MetadataExt,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context, bail};
 use clap::Args;
-use rustix::fs::Mode;
+use rustix::{
+    fs::{Access, Mode},
+    io::Errno,
+};
 
 use crate::{
     settings::{Flags, Settings},
@@ -60,12 +67,28 @@ pub async fn open(config: Settings) -> anyhow::Result<(Settings, Store)> {
     Ok((config, store))
 }
 
+/// Refuses an existing folder in which the account of this process may not write, such as the volume of a container
+/// that belongs to another user.
+fn require_rights(folder: &Path) -> anyhow::Result<()> {
+    let all = Access::READ_OK | Access::WRITE_OK | Access::EXEC_OK;
+    let (Ok(metadata), Err(Errno::ACCESS)) = (fs::metadata(folder), rustix::fs::access(folder, all)) else {
+        return Ok(());
+    };
+    let (owner, mode, own) = (metadata.uid(), metadata.mode() & 0o777, rustix::process::getuid().as_raw());
+    bail!(
+        "data_dir: {} belongs to user {owner} with mode {mode:o}, and this process is user {own}, which may not write \
+         there; give the folder to that user (chown {own}, on the machine that has it), or choose another folder",
+        folder.display()
+    )
+}
+
 /// Opens the store of a service and creates it where there is none. A backup becomes a store of its own.
 ///
 /// # Errors
 /// When the data folder cannot be made or written, or the store cannot be used.
 pub async fn create(settings: &Settings) -> anyhow::Result<Store> {
     let data_dir = &settings.data_dir;
+    require_rights(data_dir)?;
     folder::make(data_dir).with_context(|| format!("data_dir: cannot create the folder {}", data_dir.display()))?;
     remove_mark(data_dir).with_context(|| format!("data_dir: cannot write into {}", data_dir.display()))?;
     Ok(store::open_shared(data_dir, &settings.shared()?).await?)

@@ -5,8 +5,7 @@ use std::sync::Arc;
 use anyhow::bail;
 
 use super::{
-    files, logging,
-    output::note,
+    files, logging, memory,
     process::{GRACE, StopSignals},
     store::{create, make_files_private},
 };
@@ -34,10 +33,14 @@ pub fn run(flags: Flags) -> anyhow::Result<()> {
         let signals = StopSignals::listen()?;
         let traces = config.collector().map(traces::start).transpose()?;
         let store = create(&config).await?;
-        let (disk, runner) = (DiskBudget::new(&store, config.min_free_bytes), Arc::new(ScienceRunner::default()));
-        let pool = Pool::start(Deps { store: store.clone(), disk, runner }, config.worker());
+        let worker = memory::within(config.worker());
+        let runner = ScienceRunner { memory: worker.memory_limit, colmap: config.colmap(), ..ScienceRunner::default() };
+        let runner = Arc::new(runner);
+        let disk = DiskBudget::new(&store, config.min_free_bytes);
+        let pool = Pool::start(Deps { store: store.clone(), disk, runner }, worker);
         let maintenance = maintenance::start(store.clone(), maintenance::EVERY, config.retention());
-        note(format!("{} workers run jobs of {}", config.workers, config.data_dir.display()));
+        let (workers, folder) = (config.workers, config.data_dir.display());
+        logging::announce(config.log_format, &format!("{workers} workers run jobs of {folder}"));
         signals.end_by(pool.shutdown(GRACE)).await;
         drop(maintenance);
         store.metadata.close().await;

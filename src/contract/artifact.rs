@@ -2,7 +2,8 @@
 //!
 //! A file of a stack is a row of [`stack_artifacts`], from which all but its picture (`jobs/pictures.rs`) follows, or
 //! `lights/{name}`, a further light, which is treated as the image is. A calibration has `overlay-{slice}`, a slice
-//! with the detected dots as PNG, and `report`, JSON.
+//! with the detected dots as PNG, and `report`, JSON. The files of
+//! a reconstruction are in [`super::reconstruction::files`].
 
 use super::outcome::Artifact;
 
@@ -17,10 +18,18 @@ pub enum FileFormat {
     Jpeg,
     /// JSON.
     Json,
+    /// Points with colours, PLY.
+    Ply,
+    /// A mesh, glTF in one file.
+    Glb,
+    /// A zip.
+    Zip,
+    /// UTF-8 text.
+    Text,
 }
 
 impl FileFormat {
-    const ALL: [Self; 4] = [Self::Png, Self::Tiff, Self::Jpeg, Self::Json];
+    const ALL: [Self; 8] = [Self::Png, Self::Tiff, Self::Jpeg, Self::Json, Self::Ply, Self::Glb, Self::Zip, Self::Text];
 
     /// The media type.
     pub fn media_type(self) -> &'static str {
@@ -29,6 +38,10 @@ impl FileFormat {
             Self::Tiff => "image/tiff",
             Self::Jpeg => "image/jpeg",
             Self::Json => "application/json",
+            Self::Ply => "application/octet-stream",
+            Self::Glb => "model/gltf-binary",
+            Self::Zip => "application/zip",
+            Self::Text => "text/plain; charset=utf-8",
         }
     }
 
@@ -39,6 +52,10 @@ impl FileFormat {
             Self::Tiff => "tiff",
             Self::Jpeg => "jpg",
             Self::Json => "json",
+            Self::Ply => "ply",
+            Self::Glb => "glb",
+            Self::Zip => "zip",
+            Self::Text => "txt",
         }
     }
 

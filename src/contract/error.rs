@@ -83,6 +83,8 @@ pub enum Code {
     TargetNotFound,
     /// A mask was required and could not be made.
     MaskFailed,
+    /// COLMAP failed, or exceeded a limit of time, memory or disk.
+    ReconstructionFailed,
     /// The worker died several times while it ran the job.
     WorkerLost,
     /// The server is shutting down or temporarily unable to work.

@@ -11,17 +11,20 @@ pub enum JobKind {
     Stack,
     /// Calibrate a profile from a dot-target stack.
     Calibration,
+    /// Reconstruct the views of a scan.
+    Reconstruction,
 }
 
 impl JobKind {
     /// All kinds.
-    pub const ALL: [Self; 2] = [Self::Stack, Self::Calibration];
+    pub const ALL: [Self; 3] = [Self::Stack, Self::Calibration, Self::Reconstruction];
 
     /// Its name in the API.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Stack => "stack",
             Self::Calibration => "calibration",
+            Self::Reconstruction => "reconstruction",
         }
     }
 }
@@ -67,9 +70,9 @@ impl JobState {
 /// Progress of a job.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Progress {
-    /// Current stage: `waiting`, `reading`, `aligning`, `fusing`, `correcting halos`, `masking`, `writing`, `detecting`
-    /// and others. `waiting for disk space`: a worker has claimed the job, and there is not enough free disk space to
-    /// begin.
+    /// Current stage: `waiting`, `reading`, `aligning`, `fusing`, `correcting halos`, `masking`, `writing`,
+    /// `detecting`, `matching` and others. `waiting for disk space`: a worker has claimed the job, and there is not
+    /// enough free disk space to begin.
     pub stage: String,
     /// Completed steps of this stage.
     pub completed: u32,

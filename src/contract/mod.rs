@@ -15,9 +15,12 @@ pub mod priority;
 pub mod profile;
 pub mod profile_summary;
 pub mod ranges;
+pub mod reconstruction;
 pub mod request;
 pub mod scan;
+pub mod upload;
 pub mod upload_purpose;
+pub mod verdict;
 
 pub use error::{Code, Fault, Problem};
 pub use job::{JobKind, JobState, Progress};
@@ -28,3 +31,4 @@ pub use priority::Priority;
 pub use profile_summary::ProfileSummary;
 pub use scan::{Scan, ScanInput};
 pub use upload_purpose::UploadPurpose;
+pub use verdict::Verdict;

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::reconstruction::ReconstructionResult;
 use pinstack_science::types::{
     height::{HeightDirection, HeightUnit},
     intrinsics::Intrinsics,
@@ -14,12 +15,12 @@ use pinstack_science::types::{
 /// A result file of a job. It becomes visible with the row that names it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Artifact {
-    /// The name of a `StackArtifact`, `lights/{name}`, `overlay-{slice}`, or `report`.
+    /// The name of a `StackArtifact`, `lights/{name}`, `overlay-{slice}`, `report`, or a file of a reconstruction.
     pub name: String,
     /// Key in the blob store; not shown to clients.
     #[serde(skip_serializing_if = "String::is_empty", default)]
     pub key: String,
-    /// `image/png`, `image/tiff` or `image/jpeg`; `application/json` of a report.
+    /// `image/png`, `image/tiff` or `image/jpeg`; `application/json` of a report; others of a reconstruction.
     pub media_type: String,
     /// Size, bytes.
     pub bytes: u64,
@@ -115,6 +116,16 @@ pub struct CalibrationOutcome {
     pub grade: Option<Grade>,
 }
 
+/// What a reconstruction found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReconstructionOutcome {
+    /// The files.
+    pub artifacts: Vec<Artifact>,
+    /// The numbers.
+    #[serde(flatten)]
+    pub result: ReconstructionResult,
+}
+
 /// The outcome of a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
@@ -125,6 +136,8 @@ pub enum JobOutcome {
     Stack(StackOutcome),
     /// A calibrated profile.
     Calibration(CalibrationOutcome),
+    /// A reconstruction.
+    Reconstruction(ReconstructionOutcome),
 }
 
 impl JobOutcome {
@@ -138,6 +151,7 @@ impl JobOutcome {
         match self {
             Self::Stack(outcome) => &outcome.artifacts,
             Self::Calibration(outcome) => &outcome.artifacts,
+            Self::Reconstruction(outcome) => &outcome.artifacts,
         }
     }
 }

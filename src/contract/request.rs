@@ -6,21 +6,9 @@ use uuid::Uuid;
 
 use pinstack_science::types::{calibration_options::CalibrationOptions, stack_layout::StackLayout};
 
-use super::{Name, Priority, options::StackOptions};
+use super::{Name, Priority, options::StackOptions, reconstruction::ReconstructionRequest};
 
-/// A stored zip.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct Upload {
-    /// Key in the blob store.
-    #[serde(skip_serializing_if = "String::is_empty", default)]
-    pub key: String,
-    /// Size, bytes.
-    pub bytes: u64,
-    /// SHA-256, hex.
-    pub sha256: String,
-    /// File name that the client gave.
-    pub filename: Option<String>,
-}
+pub use super::upload::Upload;
 
 /// The request of a stack.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -76,6 +64,8 @@ pub enum JobRequest {
     Stack(StackRequest),
     /// Calibrate a profile.
     Calibration(CalibrationRequest),
+    /// Reconstruct the views of a scan.
+    Reconstruction(ReconstructionRequest),
 }
 
 impl JobRequest {
@@ -84,30 +74,38 @@ impl JobRequest {
         match self {
             Self::Stack(_) => super::JobKind::Stack,
             Self::Calibration(_) => super::JobKind::Calibration,
+            Self::Reconstruction(_) => super::JobKind::Reconstruction,
         }
     }
 
-    /// The zip.
+    /// The zip. Of a reconstruction, size and digest of the pictures that it reads, without a key.
     pub fn upload(&self) -> &Upload {
         match self {
             Self::Stack(request) => &request.upload,
             Self::Calibration(request) => &request.upload,
+            Self::Reconstruction(request) => &request.upload,
         }
+    }
+
+    /// The zip, if the job has one of its own.
+    pub fn own_upload(&self) -> Option<&Upload> {
+        Some(self.upload()).filter(|_| self.kind() != super::JobKind::Reconstruction)
     }
 
     /// The stored stacks whose zips a calibration reads beside its own.
     pub fn other_stacks(&self) -> &[StoredStack] {
         match self {
-            Self::Stack(_) => &[],
+            Self::Stack(_) | Self::Reconstruction(_) => &[],
             Self::Calibration(request) => request.stacks.get(1..).unwrap_or_default(),
         }
     }
 
-    /// The contents of the zip.
-    pub fn layout(&self) -> &StackLayout {
+    /// The contents of the zip; `None` for a reconstruction.
+    pub fn layout(&self) -> Option<&StackLayout> {
         match self {
-            Self::Stack(request) => &request.layout,
-            Self::Calibration(request) => &request.layout,
+            Self::Stack(request) => Some(&request.layout),
+            Self::Calibration(request) => Some(&request.layout),
+            Self::Reconstruction(_) => None,
         }
     }
 
@@ -116,14 +114,16 @@ impl JobRequest {
         match self {
             Self::Stack(request) => request.options.priority,
             Self::Calibration(_) => Priority::High,
+            Self::Reconstruction(_) => Priority::Normal,
         }
     }
 
-    /// The scan that the stack belongs to; `None` for a calibration.
+    /// The scan that the stack or reconstruction belongs to; `None` for a calibration.
     pub fn scan(&self) -> Option<&Name> {
         match self {
             Self::Stack(request) => request.options.scan.as_ref(),
             Self::Calibration(_) => None,
+            Self::Reconstruction(request) => Some(&request.scan),
         }
     }
 }

@@ -3,8 +3,6 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::JobKind;
-
 /// What an upload becomes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
@@ -33,14 +31,5 @@ impl UploadPurpose {
     /// The purpose with this name.
     pub fn of_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|purpose| purpose.as_str() == name)
-    }
-}
-
-impl From<JobKind> for UploadPurpose {
-    fn from(kind: JobKind) -> Self {
-        match kind {
-            JobKind::Stack => Self::Stack,
-            JobKind::Calibration => Self::Calibration,
-        }
     }
 }

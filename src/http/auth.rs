@@ -122,7 +122,7 @@ fn refused() -> ApiError {
 /// | below `/v1/profiles` and `/v1/calibrations` | `profiles:write` |
 /// | `POST /v1/poses`, `POST /v1/scans/{scan}/poses` (nothing is stored) | `read` |
 /// | `POST /v1/groupings` (nothing is stored) | `read` or `stacks:write` |
-/// | below `/v1/stacks` and `/v1/scans` | `stacks:write` |
+/// | below `/v1/stacks`, `/v1/scans` and `/v1/reconstructions` | `stacks:write` |
 /// | everything else | `admin` |
 ///
 /// The table goes by prefix and denies by default: a new route below `/v1/stacks` is protected before anyone thinks of
@@ -151,7 +151,7 @@ pub fn needs(method: &Method, path: &str) -> Option<&'static [Scope]> {
         &[Scope::Read]
     } else if *method == Method::POST && path == "/v1/groupings" {
         &[Scope::Read, Scope::StacksWrite]
-    } else if below("/v1/stacks") || below("/v1/scans") {
+    } else if below("/v1/stacks") || below("/v1/scans") || below("/v1/reconstructions") {
         &[Scope::StacksWrite]
     } else {
         &[Scope::Admin]
@@ -164,9 +164,10 @@ fn reports_poses(path: &str) -> bool {
     path == "/v1/poses" || path.strip_prefix("/v1/scans/").is_some_and(of_scan)
 }
 
-/// The id of the stack or upload in a path. With `isolate_tokens`, only its owner finds it.
+/// The id of the stack, reconstruction or upload in a path. With `isolate_tokens`, only its owner finds it.
 pub fn owned_id(path: &str) -> Option<Uuid> {
-    let rest = ["/v1/stacks/", "/v1/uploads/", "/stacks/"].into_iter().find_map(|place| path.strip_prefix(place))?;
+    let places = ["/v1/stacks/", "/v1/reconstructions/", "/v1/uploads/", "/stacks/"];
+    let rest = places.into_iter().find_map(|place| path.strip_prefix(place))?;
     // decoded, because handlers get the decoded id
     let id = percent_decode_str(rest.split('/').next()?).decode_utf8().ok()?;
     Uuid::parse_str(&id).ok()
@@ -181,7 +182,13 @@ mod tests {
         let id = Uuid::now_v7();
         let encoded: String = id.to_string().bytes().map(|byte| format!("%{byte:02x}")).collect();
         for written in [id.to_string(), id.simple().to_string(), id.to_string().to_uppercase(), encoded] {
-            for path in ["/v1/stacks/{}", "/v1/uploads/{}/x", "/stacks/{}", "/stacks/{}/tiles/image/0/0/0"] {
+            for path in [
+                "/v1/stacks/{}",
+                "/v1/uploads/{}/x",
+                "/v1/reconstructions/{}/points",
+                "/stacks/{}",
+                "/stacks/{}/tiles/image/0/0/0",
+            ] {
                 let path = path.replace("{}", &written);
                 assert_eq!(owned_id(&path), Some(id), "{path}");
             }
@@ -209,6 +216,9 @@ mod tests {
             (Method::DELETE, "/v1/stacks/x", Some("stacks:write")),
             (Method::PUT, "/v1/scans/bee", Some("stacks:write")),
             (Method::POST, "/v1/scans/bee/archive", Some("stacks:write")),
+            (Method::POST, "/v1/scans/bee/reconstructions", Some("stacks:write")),
+            (Method::POST, "/v1/reconstructions/x/cancel", Some("stacks:write")),
+            (Method::GET, "/v1/reconstructions/x/points", Some("read")),
             (Method::POST, "/v1/poses", Some("read")),
             (Method::POST, "/v1/scans/bee/poses", Some("read")),
             (Method::POST, "/v1/groupings", Some("read stacks:write")),

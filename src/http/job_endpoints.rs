@@ -1,10 +1,11 @@
-//! The endpoints that stacks and calibrations have in common: list, get, delete, events, cancel. One macro documents
-//! them for both kinds of jobs; [`job_resource`](super::job_resource) does the work.
+//! The endpoints that all kinds of jobs have in common: list, get, delete, events, cancel. One macro documents them;
+//! [`job_resource`](super::job_resource) does the work.
 
 /// The endpoints of a kind of jobs: the kind, its view, its list, its name, the plural, and the description of its
-/// event stream; of stacks, that of the parameter `scan`. `\n` keeps the line breaks that the document always had.
+/// event stream; of stacks and reconstructions, that of the parameter `scan`, and of stacks that of `verdict`. `\n`
+/// keeps the line breaks that the document always had.
 macro_rules! endpoints {
-    ($kind:ident, $view:ident, $list:ident, $one:literal, $many:literal, $events:literal $(, $scan:literal)?) => {
+    ($kind:ident, $view:ident, $list:ident, $one:literal, $many:literal, $events:literal $(, $scan:literal $(, $verdict:literal)?)?) => {
         use axum::{
             Json,
             extract::State,
@@ -36,7 +37,12 @@ macro_rules! endpoints {
                 ("state" = Option<JobState>, Query, description = concat!("Only ", $many, " in this state")),
                 ("rig" = Option<String>, Query, description = concat!("Only ", $many, " of this rig")),
                 ("lens" = Option<String>, Query, description = concat!("Only ", $many, " of this lens")),
-                $(("scan" = Option<String>, Query, description = $scan),)?
+                $(("scan" = Option<String>, Query, description = $scan),
+                    $(("verdict" = Option<crate::contract::Verdict>, Query, description = $verdict),)?
+                )?
+                ("q" = Option<String>, Query, description = concat!("Only ", $many, " with all of these words in label, scan, rig, lens or file name; the beginning of a word is enough")),
+                ("since" = Option<String>, Query, description = "Accepted on this day (UTC) or later, or at this time or later", example = "2026-11-27"),
+                ("until" = Option<String>, Query, description = "Accepted on this day (UTC) or before, or before this time", example = "2026-11-27"),
                 ("limit" = Option<u32>, Query, description = "Items per page, 1 to 500, default 50"),
                 ("cursor" = Option<String>, Query, description = "`next_cursor` from the previous page"),
             ),
@@ -145,7 +151,7 @@ pub mod stacks {
         "Server-sent events. `state` (data: the whole stack) is sent first and on each change of state. `progress` \
          (data: the\nprogress) is sent on each change of progress. The stream closes when the stack has ended. A client \
          that reconnects\nwith `Last-Event-ID` receives only newer events.",
-        "Only stacks of this scan"
+        "Only stacks of this scan", "Only stacks with this verdict"
     }
 }
 
@@ -156,5 +162,16 @@ pub mod calibrations {
         "Server-sent events. `state` (data: the whole calibration) is sent first and on each change of state. \
          `progress`\n(data: the progress) is sent on each change of progress. The stream closes when the calibration has \
          ended. A client\nthat reconnects with `Last-Event-ID` receives only newer events."
+    }
+}
+
+/// Those of reconstructions.
+pub mod reconstructions {
+    endpoints! {
+        Reconstruction, Reconstruction, ReconstructionList, "reconstruction", "reconstructions",
+        "Server-sent events. `state` (data: the whole reconstruction) is sent first and on each change of state. \
+         `progress`\n(data: the progress) is sent on each change of progress. The stream closes when the reconstruction \
+         has ended. A client\nthat reconnects with `Last-Event-ID` receives only newer events.",
+        "Only reconstructions of this scan"
     }
 }

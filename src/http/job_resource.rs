@@ -1,4 +1,4 @@
-//! What the endpoints of stacks and of calibrations have in common: a job of one kind, found by its id.
+//! What the endpoints of all kinds of jobs have in common: a job of one kind, found by its id.
 
 use axum::{
     Json,
@@ -20,15 +20,15 @@ use crate::{
     store::{CancelRequest, Job, JobFilter, Page, gc::gc_job},
 };
 
-/// A page of jobs. Stacks that other tokens sent are left out where tokens see only their own; calibrations belong to a
-/// rig and not to a token.
+/// A page of jobs. Stacks and reconstructions that other tokens sent are left out where tokens see only their own;
+/// calibrations belong to a rig and not to a token.
 ///
 /// # Errors
 /// `invalid_request` for an unknown parameter, or a value outside its range.
 pub async fn list(app: &App, caller: &Caller, uri: &Uri, kind: JobKind) -> ApiResult<Page<Job>> {
     let mut pairs = params::pairs(uri)?;
     let page = PageQuery::take(&mut pairs)?;
-    let owner = if kind == JobKind::Stack { caller.sees_only(app) } else { None };
+    let owner = if kind == JobKind::Calibration { None } else { caller.sees_only(app) };
     let filter = JobFilter { owner, ..params::job_filter(kind, &pairs)? };
     Ok(app.store.metadata.jobs(&filter, &page).await?)
 }
@@ -85,12 +85,12 @@ pub async fn delete(app: &App, id: Uuid, kind: JobKind) -> ApiResult<StatusCode>
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// Deletes a stack of a scan that is deleted. No error when it is gone already.
+/// Deletes a stack or reconstruction of a scan that is deleted. No error when it is gone already.
 ///
 /// # Errors
 /// When the store cannot be written.
-pub async fn delete_stack_of_scan(app: &App, id: Uuid) -> ApiResult<()> {
-    match delete(app, id, JobKind::Stack).await {
+pub async fn delete_job_of_scan(app: &App, id: Uuid, kind: JobKind) -> ApiResult<()> {
+    match delete(app, id, kind).await {
         Err(error) if error.fault().code != Code::NotFound => Err(error),
         _ => Ok(()),
     }

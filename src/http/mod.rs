@@ -25,6 +25,7 @@ pub mod poses;
 pub mod problem;
 pub mod problem_types;
 pub mod profiles;
+pub mod reconstructions;
 pub mod router;
 pub mod scans;
 pub mod serve;

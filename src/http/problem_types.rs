@@ -178,8 +178,8 @@ problem_types! {
          again in a moment";
 
     InsufficientStorage: S::INSUFFICIENT_STORAGE, Later, "Insufficient storage",
-        "The disk or the quota of the token has too little free space. The detail has the figures. Delete old stacks, or \
-         enlarge the disk or the quota.",
+        "The disk or the quota of the token has too little free space, or the machine too little memory for a job. The \
+         detail has the figures. Delete old stacks, or enlarge the disk, the quota or the memory.",
         "not enough disk space for this upload: it needs 4100000000 bytes and its job up to 900000000; \
          3900000000 bytes are free, of which 0 are reserved by uploads and jobs in progress and 536870912 must \
          stay free; delete old stacks or enlarge the disk";
@@ -238,6 +238,11 @@ problem_types! {
     MaskFailed: S::UNPROCESSABLE_ENTITY, Never, "Mask failed",
         "mask=required, but no mask could be made. Add a back-light stack in the folder 'back'.",
         "mask=required, but the archive has no back-light slices; put them into a folder 'back', or send mask=auto";
+
+    ReconstructionFailed: S::INTERNAL_SERVER_ERROR, Later, "Reconstruction failed",
+        "COLMAP failed, or exceeded a limit of time, memory or disk. The detail says which, with its last words.",
+        "the reconstruction took longer than 240 minutes and was stopped during mapper: raise the setting \
+         reconstruction_minutes, or leave out views";
 
     WorkerLost: S::INTERNAL_SERVER_ERROR, Later, "Worker lost",
         "The worker process died several times while it ran this job, so the job failed. Check the log of the service, \

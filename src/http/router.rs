@@ -18,7 +18,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 use super::{
     App, calibrations, job_endpoints,
     middleware::{auth, browser, cors, method, observe, prefix, problems, request_id, security, slot, trace, whole},
-    optics, pages, poses, profiles, scans, stacks, system, targets, uploads,
+    optics, pages, poses, profiles, reconstructions, scans, stacks, system, targets, uploads,
 };
 
 /// The OpenAPI document of [`routes()`], built at its first use.
@@ -34,6 +34,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(profiles::revisions::revisions))
         .routes(routes!(profiles::drift::drift))
         .routes(routes!(profiles::rig_parameters::rig_parameters))
+        .routes(routes!(profiles::camera::add))
         .routes(routes!(profiles::export::export))
         .routes(routes!(profiles::import::import))
         // calibrations
@@ -49,6 +50,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(job_endpoints::stacks::get, job_endpoints::stacks::delete))
         .routes(routes!(job_endpoints::stacks::events))
         .routes(routes!(job_endpoints::stacks::cancel))
+        .routes(routes!(stacks::totals::totals))
         .routes(routes!(stacks::metrics::metrics))
         .merge(stacks::artifacts::routes())
         .routes(routes!(stacks::lights::light))
@@ -64,6 +66,14 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(scans::poses::poses))
         .routes(routes!(scans::groupings::group))
         .routes(routes!(poses::create::create))
+        // reconstructions
+        .routes(routes!(reconstructions::create::create, reconstructions::list::list))
+        .routes(routes!(job_endpoints::reconstructions::list))
+        .routes(routes!(job_endpoints::reconstructions::get, job_endpoints::reconstructions::delete))
+        .routes(routes!(job_endpoints::reconstructions::events))
+        .routes(routes!(job_endpoints::reconstructions::cancel))
+        .routes(routes!(reconstructions::poses::poses))
+        .merge(reconstructions::files::routes())
         // capture planning
         .routes(routes!(optics::plan::plan))
         .routes(routes!(targets::advice::advice))

@@ -93,7 +93,8 @@ impl<'a> ArtifactWriter<'a> {
         self.file(name, FileFormat::Json, |out| Ok(serde_json::to_writer(out, value)?))
     }
 
-    fn file(
+    /// Writes what `fill` writes as artifact `name`. Errors as [`Self::picture`].
+    pub(super) fn file(
         &self,
         name: &str,
         format: FileFormat,
@@ -142,10 +143,10 @@ impl<'a> ArtifactWriter<'a> {
 }
 
 /// The buffered, cancellable file of an artifact.
-type Out<'a> = BufWriter<Cancellable<'a>>;
+pub(super) type Out<'a> = BufWriter<Cancellable<'a>>;
 
 /// A file whose reads and writes fail once the job is cancelled.
-struct Cancellable<'a> {
+pub(super) struct Cancellable<'a> {
     file: File,
     sink: &'a dyn ProgressSink,
 }

@@ -26,10 +26,12 @@ const COPY: u64 = 2 * 1600 * 1600 * 3;
 ///   larger), and the uncompressed results: image with alpha, mask, fused back light, index of the sharpest slice,
 ///   height map if it was asked for, and a picture like the image for each further light.
 /// - A calibration: a small copy and an overlay of each slice.
+/// - A reconstruction: the database of COLMAP, its models and the files made of them.
 pub fn disk_need(request: &JobRequest) -> u64 {
     match request {
         JobRequest::Stack(request) => of_request(request),
         JobRequest::Calibration(request) => calibration(request.layout.front.len()),
+        JobRequest::Reconstruction(request) => super::reconstruction::need::disk(request),
     }
 }
 

@@ -25,10 +25,12 @@ const BASE: u64 = 64 << 20;
 /// - A calibration: for each slice in flight (one above and one below the reference) the samples while it is decoded
 ///   and the planes of the detector, whose size is bounded; and for each slice its dots and its fingerprint
 ///   ([`SLICE_BYTES`]).
+/// - A reconstruction: COLMAP, mostly while each thread extracts the features of an image.
 pub fn memory_need(request: &JobRequest, threads: usize) -> u64 {
     let peak = match request {
         JobRequest::Stack(request) => stack(request, threads),
         JobRequest::Calibration(request) => calibration(request, threads),
+        JobRequest::Reconstruction(request) => super::reconstruction::need::memory(request, threads),
     };
     BASE.saturating_add(peak)
 }
@@ -124,7 +126,10 @@ fn sample(layout: &StackLayout) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contract::request::Upload;
+    use crate::{
+        contract::request::Upload,
+        jobs::{JobRunner, ScienceRunner},
+    };
     use pinstack_science::types::{
         calibration_options::CalibrationOptions, fusion_options::Method, stack_layout::FurtherLight,
     };
@@ -178,6 +183,18 @@ mod tests {
     }
 
     #[test]
+    fn a_job_gets_as_many_threads_as_fit_into_the_memory_and_at_least_one() {
+        let job = stack(10, 6000, 8);
+        let need = |memory| ScienceRunner { threads: 8, memory, ..ScienceRunner::default() }.memory_need(&job);
+        assert_eq!(need(None), memory_need(&job, 8));
+        for threads in [3, 8] {
+            assert_eq!(need(Some(memory_need(&job, threads))), memory_need(&job, threads));
+        }
+        assert_eq!(need(Some(memory_need(&job, 3) - 1)), memory_need(&job, 2));
+        assert_eq!(need(Some(1)), memory_need(&job, 1));
+    }
+
+    #[test]
     fn a_height_map_never_lowers_the_need() {
         for method in Method::ALL {
             let need = |height| {
@@ -198,6 +215,7 @@ mod tests {
             match &mut request {
                 JobRequest::Stack(request) => request.layout.largest_file_bytes = 50_000_000,
                 JobRequest::Calibration(request) => request.layout.largest_file_bytes = 50_000_000,
+                JobRequest::Reconstruction(_) => panic!("it has no slices"),
             }
             memory_need(&request, threads) - before
         };

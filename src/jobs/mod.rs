@@ -11,9 +11,11 @@ mod diagnosis;
 pub mod disk;
 mod input_bits;
 mod lights;
+pub mod masked_views;
 pub mod memory;
 mod output_form;
 mod pictures;
+pub mod reconstruction;
 mod requested;
 mod runner;
 mod slice_view;
@@ -25,7 +27,7 @@ mod threads;
 mod thumbnails;
 
 use crate::contract::{
-    JobError,
+    JobError, JobKind,
     request::{CalibrationRequest, JobRequest},
 };
 use pinstack_science::archive::{ArchiveLimits, StackArchive};
@@ -34,19 +36,24 @@ pub use runner::{JobContext, JobOutput, JobRunner, OutputFile, ProgressSink, SOF
 pub use slice_view::slice_view;
 use threads::with_own_threads;
 
-/// The job runner of the service: fuses stacks and measures profiles.
+/// The job runner of the service: fuses stacks, measures profiles, and has scans reconstructed.
 #[derive(Debug, Clone)]
 pub struct ScienceRunner {
     /// Threads per job. More threads need more memory.
     pub threads: usize,
+    /// Memory that one job may take, bytes. A job that would need more gets fewer threads; with one it may need more.
+    pub memory: Option<u64>,
     /// Limits of an archive: those that the upload was checked against.
     pub archive_limits: ArchiveLimits,
+    /// The program for reconstructions; `None`: this runner runs none.
+    pub colmap: Option<reconstruction::Colmap>,
 }
 
 impl Default for ScienceRunner {
-    /// One thread per core.
+    /// One thread per core, without a limit of memory.
     fn default() -> Self {
-        Self { threads: rayon::current_num_threads(), archive_limits: ArchiveLimits::default() }
+        let threads = rayon::current_num_threads();
+        Self { threads, memory: None, archive_limits: ArchiveLimits::default(), colmap: None }
     }
 }
 
@@ -62,13 +69,24 @@ impl ScienceRunner {
         stacks: &[StackArchive],
         sink: &dyn ProgressSink,
     ) -> Result<JobOutput, JobError> {
-        with_own_threads(self.threads, || calibration::measure(context, request, stacks, sink))
+        let threads = self.threads_for(&context.job.request);
+        with_own_threads(threads, || calibration::measure(context, request, stacks, sink))
+    }
+
+    /// As many threads as fit into the memory; at least one.
+    fn threads_for(&self, request: &JobRequest) -> usize {
+        let fits = |threads: &usize| self.memory.is_none_or(|most| memory::memory_need(request, *threads) <= most);
+        (1..=self.threads).rev().find(fits).unwrap_or(1)
     }
 }
 
 impl JobRunner for ScienceRunner {
+    fn runs(&self, kind: JobKind) -> bool {
+        kind != JobKind::Reconstruction || self.colmap.is_some()
+    }
+
     fn memory_need(&self, request: &JobRequest) -> u64 {
-        memory::memory_need(request, self.threads)
+        memory::memory_need(request, self.threads_for(request))
     }
 
     fn disk_need(&self, request: &JobRequest) -> u64 {
@@ -76,9 +94,13 @@ impl JobRunner for ScienceRunner {
     }
 
     fn run(&self, context: &JobContext, sink: &dyn ProgressSink) -> Result<JobOutput, JobError> {
-        with_own_threads(self.threads, || match &context.job.request {
+        with_own_threads(self.threads_for(&context.job.request), || match &context.job.request {
             JobRequest::Stack(request) => stack::run(context, request, &self.archive_limits, sink),
             JobRequest::Calibration(request) => calibration::run(context, request, &self.archive_limits, sink),
+            JobRequest::Reconstruction(request) => {
+                let threads = self.threads_for(&context.job.request);
+                reconstruction::run(context, request, self.colmap.as_ref(), threads, sink)
+            }
         })
     }
 }

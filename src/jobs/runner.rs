@@ -3,7 +3,7 @@
 use std::{path::PathBuf, sync::Arc, time::Instant};
 
 use crate::{
-    contract::{JobError, Progress, outcome::JobOutcome, profile::Profile, request::JobRequest},
+    contract::{JobError, JobKind, Progress, outcome::JobOutcome, profile::Profile, request::JobRequest},
     store::{Job, ProfileDraft},
 };
 use pinstack_science::types::{Cancelled, ReadAt, Warning};
@@ -18,7 +18,8 @@ pub struct JobContext {
     pub job: Job,
     /// The profile that the request names; `None` for a calibration.
     pub profile: Option<Profile>,
-    /// The uploaded zip. It may still be on its way to this machine: reading waits.
+    /// The uploaded zip. It may still be on its way to this machine: reading waits. Empty for a reconstruction, whose
+    /// pictures are in the folder [`BUNDLE`](super::reconstruction::BUNDLE) of `scratch`.
     pub archive: Arc<dyn ReadAt>,
     /// The zips of the [other stored stacks](JobRequest::other_stacks) of a calibration.
     pub others: Vec<Arc<dyn ReadAt>>,
@@ -64,6 +65,12 @@ pub trait ProgressSink: Sync {
 
 /// Runs jobs. [`ScienceRunner`](super::ScienceRunner) is the service's own; tests supply others.
 pub trait JobRunner: Send + Sync + 'static {
+    /// Whether it can run jobs of this kind on this machine.
+    fn runs(&self, kind: JobKind) -> bool {
+        let _ = kind;
+        true
+    }
+
     /// Peak memory of the job, bytes.
     fn memory_need(&self, request: &JobRequest) -> u64;
 

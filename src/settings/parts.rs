@@ -6,6 +6,7 @@ use anyhow::{Context, bail};
 
 use super::table::Settings;
 use crate::{
+    jobs::reconstruction::{Colmap, find},
     store::{DatabaseUrl, Retention, S3Location, Shared},
     telemetry::traces::Collector,
     worker,
@@ -61,6 +62,15 @@ impl Settings {
             failed: days(self.keep_failed_days),
             uploads: days(self.keep_uploads_days),
         }
+    }
+
+    /// COLMAP and its limits; `None` when it is not there.
+    pub fn colmap(&self) -> Option<Colmap> {
+        Some(Colmap {
+            program: find(self.colmap.as_deref())?,
+            most_time: Duration::from_secs(60 * self.reconstruction_minutes),
+            most_memory: self.memory_mb << 20,
+        })
     }
 
     /// The workers of a process.

@@ -81,6 +81,9 @@ settings! {
             in 0..=604_800,
             check |settings| settings.storage_presigned_s == 0 || settings.storage_url.is_some() => "needs storage_url",
             policy presigned: Option<Duration> = seconds_if_any;
+        reconstruction_minutes: u64 = 240, "MINUTES",
+            "Longest time of a reconstruction, minutes",
+            in 1..=100_000;
         log: String = "info".to_owned(), "FILTER",
             "Log filter: info, debug, or per module as in pinstack=debug,info";
         log_format: LogFormat = LogFormat::Text, "FORMAT",
@@ -111,6 +114,8 @@ settings! {
             "Certificates (PEM) to trust for the server of the bucket, besides those of public authorities";
         storage_credentials_file: PathBuf, "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or the role of the machine", "FILE",
             "File with the key of the bucket, as ~/.aws/credentials: lines aws_access_key_id and aws_secret_access_key";
+        colmap: PathBuf, "colmap in PATH", "FILE",
+            "COLMAP, the program for reconstructions; a worker without it leaves them to others";
         otlp_endpoint: String, "off", "URL",
             "Export traces to this collector of OpenTelemetry (OTLP over HTTP), for example http://127.0.0.1:4318",
             check |settings| settings.otlp_endpoint.as_ref().is_none_or(|url| is_base_url(url))
@@ -165,6 +170,8 @@ settings! {
              the grace of garbage collection.";
         poll_interval: Duration = Duration::from_secs(1),
             "How often waiting requests read their job, because another process may change it.";
+        reconstructs: bool = true,
+            "Reconstructions are accepted: a worker has COLMAP, or may have it.";
         auth_required: bool = false,
             "Every request needs a token.";
         auth_once_there_are_tokens: bool = false,

@@ -173,7 +173,7 @@ impl Backup<'_> {
 
     /// Copies the blobs of one job. False when one was deleted meanwhile: the job was, or its zip expired.
     async fn copy_job(&mut self, job: &Job) -> StoreResult<bool> {
-        let upload = (!job.upload_removed).then(|| job.request.upload().key.as_str());
+        let upload = job.request.own_upload().filter(|_| !job.upload_removed).map(|upload| upload.key.as_str());
         let results = job.outcome.as_ref().map(|outcome| outcome.artifacts()).unwrap_or_default();
         // found there, though this backup has copied them before the rows were read again
         let before = self.files_of.get(&job.id).copied().unwrap_or_default();

@@ -4,14 +4,16 @@ use async_trait::async_trait;
 use jiff::Timestamp;
 use uuid::Uuid;
 
-use super::{Page, PageRequest, StoreResult};
-use crate::contract::{Fault, JobKind, JobState, Name, Progress, outcome::JobOutcome, request::JobRequest};
+use super::{Page, PageRequest, StoreResult, search::FoundStacks};
+use crate::contract::{
+    Fault, JobKind, JobState, Name, Progress, Verdict, outcome::JobOutcome, request::JobRequest, verdict,
+};
 use pinstack_science::types::Warning;
 
 /// Which jobs a list contains. A filter that is `None` accepts every job.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct JobFilter {
-    /// Stacks or calibrations.
+    /// Stacks, calibrations or reconstructions.
     pub kind: Option<JobKind>,
     /// State.
     pub state: Option<JobState>,
@@ -19,8 +21,17 @@ pub struct JobFilter {
     pub rig: Option<Name>,
     /// Lens of the profile.
     pub lens: Option<Name>,
-    /// Scan of the stack.
+    /// Scan of the stack or reconstruction.
     pub scan: Option<Name>,
+    /// Verdict on the result of the stack.
+    pub verdict: Option<Verdict>,
+    /// Words that label, scan, rig, lens or file name contain, each at least as the beginning of a word. Ignored
+    /// without `kind`.
+    pub q: Option<String>,
+    /// Accepted at this time or later.
+    pub since: Option<Timestamp>,
+    /// Accepted before this time.
+    pub until: Option<Timestamp>,
     /// Jobs that this token sent, and jobs sent without a token.
     pub owner: Option<Uuid>,
 }
@@ -89,6 +100,12 @@ impl Job {
             outcome: None,
             trace: None,
         }
+    }
+
+    /// The verdict on the result; `None` for a calibration, and for a stack without a result.
+    pub fn verdict(&self) -> Option<Verdict> {
+        let is_fused = self.request.kind() == JobKind::Stack && self.state == JobState::Succeeded;
+        is_fused.then(|| verdict::verdict(&self.warnings))
     }
 }
 
@@ -208,6 +225,8 @@ pub trait JobQueue: Send + Sync + 'static {
     async fn job_kind(&self, id: Uuid) -> StoreResult<Option<JobKind>>;
     /// Jobs, newest first.
     async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>>;
+    /// Numbers of the stacks that match, by verdict; `state` and `verdict` of the filter are left out.
+    async fn found(&self, filter: &JobFilter) -> StoreResult<FoundStacks>;
     /// Ids of the queued jobs in the order in which they will be claimed; at most `limit`.
     async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>>;
     /// Number of jobs by state.

@@ -10,7 +10,7 @@ use async_trait::async_trait;
 use uuid::Uuid;
 
 use super::{Job, ProfileDraft, StoreResult};
-use crate::contract::{Fault, Progress, outcome::JobOutcome};
+use crate::contract::{Fault, JobKind, Progress, outcome::JobOutcome};
 use pinstack_science::types::Warning;
 
 /// Answer to the heartbeat of a worker.
@@ -65,8 +65,9 @@ pub enum Attempt {
 #[async_trait]
 pub trait Leases: Send + Sync + 'static {
     /// Claims a job for the time `lease`: one whose lease expired, or else the next of the queue, in which rigs take
-    /// turns. A job whose worker was lost in attempt `max_attempts` fails with `worker_lost` instead.
-    async fn claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>>;
+    /// turns. Jobs of the kind `except` are left to other workers. A job whose worker was lost in attempt
+    /// `max_attempts` fails with `worker_lost` instead.
+    async fn claim(&self, lease: Duration, max_attempts: u32, except: Option<JobKind>) -> StoreResult<Option<Job>>;
     /// Renews the lease and stores the progress.
     async fn heartbeat(
         &self,

@@ -38,6 +38,7 @@ mod ranges;
 mod rows;
 pub mod s3;
 pub mod scans;
+pub mod search;
 pub mod sqlite;
 pub mod tokens;
 pub mod totals;

@@ -109,8 +109,7 @@ struct Expected<'a> {
 
 async fn verify_job(store: &Store, job: &Job, depth: Depth, report: &mut Report) -> StoreResult<()> {
     report.jobs += 1;
-    let upload = job.request.upload();
-    let upload = (!job.upload_removed).then(|| Expected {
+    let upload = job.request.own_upload().filter(|_| !job.upload_removed).map(|upload| Expected {
         what: "the upload",
         key: &upload.key,
         bytes: upload.bytes,

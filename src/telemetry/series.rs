@@ -135,7 +135,7 @@ table! {
 }
 
 /// Stages of jobs as `progress.stage` names them, and as the label `stage` does.
-const STAGES: [(&str, &str); 9] = [
+const STAGES: [(&str, &str); 13] = [
     ("reading", "reading"),
     ("aligning", "aligning"),
     ("fusing", "fusing"),
@@ -143,6 +143,10 @@ const STAGES: [(&str, &str); 9] = [
     ("masking", "masking"),
     ("detecting", "detecting"),
     ("writing", "writing"),
+    ("extracting features", "extracting_features"),
+    ("matching", "matching"),
+    ("mapping", "mapping"),
+    ("measuring", "measuring"),
     ("waiting", "waiting"),
     ("waiting for disk space", "waiting_for_disk"),
 ];

@@ -13,7 +13,7 @@ use crate::{
 pub(super) enum Stopped {
     /// The job failed or was stopped.
     Job(JobError),
-    /// The job would not fit on the empty disk: another attempt would fail too.
+    /// The job would not fit on the empty disk or into the memory: another attempt would fail too.
     TooLarge(Fault),
     /// The storage is not available.
     Unavailable,

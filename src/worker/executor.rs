@@ -15,16 +15,20 @@ use super::{
     Config, Deps,
     ending::{Ending, Stopped, internal},
     lease_keeper::LeaseKeeper,
+    pictures::place_pictures,
     trace::Trace,
 };
 use crate::{
     contract::{Code, Fault, JobError, Progress, one_line, profile::Profile, request::JobRequest},
     disk_budget::Reservation,
-    jobs::{JobContext, JobOutput, ProgressSink},
+    jobs::{JobContext, JobOutput, ProgressSink, reconstruction::BUNDLE},
     store::{Finish, Job, SpoolFile, StoreError, StoreResult, blobs::upload_key, failpoint::step, gc::gc_job},
     telemetry::{events, traces},
 };
-use pinstack_science::types::Cancelled;
+use pinstack_science::types::{Cancelled, ReadAt};
+
+/// What a job reads: its profile, its zip, and the zips of other stacks.
+type Input = (Option<Profile>, Arc<dyn ReadAt>, Vec<File>);
 
 /// Unit of the memory budget.
 pub(super) const MB: u64 = 1 << 20;
@@ -119,10 +123,18 @@ impl Executor {
             .prefix("job-")
             .tempdir_in(self.deps.store.workspace.path())
             .map_err(|error| internal(StoreError::of_io(error, "cannot create a scratch folder".into())))?;
+        if let JobRequest::Reconstruction(request) = &job.request {
+            let folder = scratch.path().join(BUNDLE);
+            let placing = traces::section("place pictures", place_pictures(&self.deps.store, request, &folder));
+            tokio::select! {
+                placed = placing => placed?,
+                () = keeper.stopped() => return Err(JobError::Cancelled(Cancelled).into()),
+            }
+        }
         let context = JobContext {
             job: job.clone(),
             profile,
-            archive: Arc::new(archive),
+            archive,
             others: others.into_iter().map(|file| Arc::new(file) as _).collect(),
             scratch: scratch.path().to_owned(),
             started,
@@ -140,7 +152,11 @@ impl Executor {
     async fn admit(&self, job: &Job, keeper: &LeaseKeeper, gate: OwnedMutexGuard<()>) -> Result<Admitted, Stopped> {
         let suspect = job.attempt > 1;
         let whole = self.whole_budget();
-        let need = u32::try_from(self.deps.runner.memory_need(&job.request).div_ceil(MB)).unwrap_or(u32::MAX);
+        let need = self.deps.runner.memory_need(&job.request);
+        if let Some(limit) = self.config.memory_limit.filter(|limit| need > *limit) {
+            return Err(Stopped::TooLarge(needs_more_memory(need, limit)));
+        }
+        let need = u32::try_from(need.div_ceil(MB)).unwrap_or(u32::MAX);
         let permits = if suspect { whole } else { need.min(whole) };
         let memory = tokio::select! {
             permit = Arc::clone(&self.memory).acquire_many_owned(permits) => permit.map_err(|_| Fault::new(Code::Unavailable, "the service is shutting down"))?,
@@ -174,7 +190,7 @@ impl Executor {
     }
 
     /// The profile and the zips. A copy of a large zip takes long: a job that must stop does not wait for its end.
-    async fn input_of(&self, job: &Job, keeper: &LeaseKeeper) -> Result<(Option<Profile>, File, Vec<File>), Stopped> {
+    async fn input_of(&self, job: &Job, keeper: &LeaseKeeper) -> Result<Input, Stopped> {
         if !self.deps.store.blobs.is_local() {
             keeper.report(Progress { stage: "reading".into(), ..Progress::default() });
         }
@@ -204,12 +220,14 @@ impl Executor {
         Ok(Some(found.ok_or_else(missing)?))
     }
 
-    /// The zip, of which an object store sends a copy. It can be read until it is closed, even if it is removed.
-    async fn archive_of(&self, job: &Job) -> Result<File, Stopped> {
+    /// The zip, of which an object store sends a copy. It can be read until it is closed, even if it is removed. Empty
+    /// for a job that has none.
+    async fn archive_of(&self, job: &Job) -> Result<Arc<dyn ReadAt>, Stopped> {
         let store = &self.deps.store;
-        let found = store.blobs.fetch(&job.request.upload().key, &store.workspace).await.map_err(internal)?;
+        let Some(upload) = job.request.own_upload() else { return Ok(Arc::new(Vec::<u8>::new())) };
+        let found = store.blobs.fetch(&upload.key, &store.workspace).await.map_err(internal)?;
         let missing = || Fault::new(Code::Internal, "the uploaded archive does not exist any more; send it again");
-        found.ok_or_else(missing)?.open().await.map_err(internal)
+        Ok(Arc::new(found.ok_or_else(missing)?.open().await.map_err(internal)?))
     }
 
     /// The zips of the other stored stacks of a calibration.
@@ -282,6 +300,15 @@ struct Admitted {
     _gate: Option<OwnedMutexGuard<()>>,
     _reserved: events::Held,
     _memory: OwnedSemaphorePermit,
+}
+
+fn needs_more_memory(need: u64, limit: u64) -> Fault {
+    let (need, limit) = (need.div_ceil(MB), limit / MB);
+    let detail = format!(
+        "the job needs {need} MiB of memory with one thread, but the machine or container of the worker has {limit} MiB for \
+         jobs; give it more memory, or send slices with fewer pixels"
+    );
+    Fault::new(Code::InsufficientStorage, detail)
 }
 
 /// Whether the storage will take the end of a job later: it does not answer, or its disk is full.

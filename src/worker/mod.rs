@@ -6,6 +6,7 @@
 //! | `executor` | one claimed job: admission, run, publication, end |
 //! | `ending` | how the run of a job ended |
 //! | `lease_keeper` | heartbeats, progress and cancellation of a running job |
+//! | [`pictures`] | places the pictures of a reconstruction in its scratch folder |
 //! | `disk_admission` | reserves disk space before a job starts |
 //! | `trace` | the span of a job in the traces of OpenTelemetry |
 //! | [`maintenance`] | hourly garbage collection |
@@ -15,6 +16,7 @@ mod ending;
 mod executor;
 mod lease_keeper;
 pub mod maintenance;
+pub mod pictures;
 pub mod pool;
 mod stages;
 mod trace;
@@ -60,11 +62,14 @@ pub struct Config {
     pub retry_pause: Duration,
     /// Memory for all running jobs together, bytes. A job that needs more than that runs alone.
     pub memory_budget: u64,
+    /// What the machine or container has for jobs, bytes. A job that needs more than that fails, because the system
+    /// would kill the process.
+    pub memory_limit: Option<u64>,
 }
 
 impl Default for Config {
     /// One worker, a lease of 15 s, a heartbeat per second, five per second with progress, 3 attempts, 10 s until the
-    /// second, 2 GiB of memory.
+    /// second, 2 GiB of memory, of a machine that has more.
     fn default() -> Self {
         Self {
             workers: 1,
@@ -75,6 +80,7 @@ impl Default for Config {
             max_attempts: 3,
             retry_pause: Duration::from_secs(10),
             memory_budget: 2 << 30,
+            memory_limit: None,
         }
     }
 }

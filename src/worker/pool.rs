@@ -16,7 +16,7 @@ use tokio::{
 use tokio_util::sync::CancellationToken;
 
 use super::{Config, Deps, executor::Executor};
-use crate::{store::Job, supervision::supervised, telemetry::events};
+use crate::{contract::JobKind, store::Job, supervision::supervised, telemetry::events};
 
 /// Time that jobs may take to stop when they are asked to.
 const STOP_TIMEOUT: Duration = Duration::from_secs(10);
@@ -105,6 +105,8 @@ fn count_start(job: &Job) {
 /// One worker. The worker that holds the gate claims a job; the others run jobs or wait for the gate.
 async fn work(executor: Arc<Executor>, gate: Arc<Mutex<()>>, stop: CancellationToken, _alive: Alive) {
     let Executor { deps, config, .. } = &*executor;
+    // such jobs wait for a worker that has the program
+    let except = Some(JobKind::Reconstruction).filter(|kind| !deps.runner.runs(*kind));
     loop {
         let gate = tokio::select! {
             biased;
@@ -113,7 +115,7 @@ async fn work(executor: Arc<Executor>, gate: Arc<Mutex<()>>, stop: CancellationT
         };
         // subscribed before the claim, so that no new job is missed between the two
         let mut arrivals = deps.store.metadata.arrivals();
-        let claimed = deps.store.metadata.claim(config.lease, config.max_attempts).await;
+        let claimed = deps.store.metadata.claim(config.lease, config.max_attempts, except).await;
         match claimed {
             Ok(Some(job)) => {
                 count_start(&job);

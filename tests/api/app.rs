@@ -15,7 +15,7 @@ use pinstack::{
 use pinstack_science::{
     fusion::height::axis::{HeightDirection, HeightUnit},
     imaging::{Raster, codec},
-    types::{metrics::Metrics, report::Grade},
+    types::{Warning, WarningCode, metrics::Metrics, report::Grade},
 };
 use reqwest::{Client, RequestBuilder, Response, StatusCode};
 use serde_json::{Value, json};
@@ -139,7 +139,7 @@ impl TestApp {
 
     /// Claims the next job, like a worker.
     pub async fn claim(&self) -> Job {
-        self.store.metadata.claim(LEASE, 3).await.expect("the rows answer").expect("a job waits")
+        self.store.metadata.claim(LEASE, 3, None).await.expect("the rows answer").expect("a job waits")
     }
 
     /// Finishes a job with made-up results, like a worker.
@@ -163,6 +163,7 @@ impl TestApp {
                 verdict: "good".into(),
                 grade: Some(Grade::Good),
             }),
+            JobRequest::Reconstruction(_) => panic!("a test runs its own program for reconstructions"),
         };
         let finish = Finish::Succeeded { outcome: Box::new(outcome), warnings: Vec::new(), profile: None };
         assert!(self.store.metadata.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));
@@ -174,6 +175,15 @@ impl TestApp {
         change(&mut outcome);
         let outcome = Box::new(JobOutcome::Stack(outcome));
         let finish = Finish::Succeeded { outcome, warnings: Vec::new(), profile: None };
+        assert!(self.store.metadata.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));
+    }
+
+    /// Finishes a stack with warnings of these codes.
+    pub async fn finish_warned(&self, job: &Job, codes: &[&str]) {
+        let outcome = Box::new(JobOutcome::Stack(self.stack_outcome(job, true).await));
+        let warning = |code: &&str| Warning::new(WarningCode::from((*code).to_owned()), format!("sentence of {code}"));
+        let warnings = codes.iter().map(warning).collect();
+        let finish = Finish::Succeeded { outcome, warnings, profile: None };
         assert!(self.store.metadata.finish(job.id, job.lease_token, &finish).await.expect("the rows answer"));
     }
 

@@ -2,7 +2,10 @@
 
 use serde_json::{Value, json};
 
-use crate::app::{HEIGHT, TestApp, WIDTH, id, png, problem, stack_zip, zip};
+use crate::{
+    app::{HEIGHT, TestApp, WIDTH, id, png, problem, stack_zip, zip},
+    pages::page,
+};
 
 const POST: &str = "/v1/profiles/rig/lens/calibrations";
 
@@ -119,4 +122,43 @@ async fn rig_parameters_use_the_pupil_ratio_and_say_when_it_is_assumed() {
     let stored: Value = app.put("/v1/profiles/rig/old").json(&old).send().await.unwrap().json().await.unwrap();
     assert_eq!(stored["principal_distance_mm"], 130.0, "{stored}");
     assert_eq!((&stored["principal_distance_source"], &stored["pupil_ratio"]), (&Value::Null, &Value::Null));
+}
+
+#[tokio::test]
+async fn a_profile_gets_its_camera_later_and_the_pages_say_so() {
+    let app = &TestApp::start().await;
+    app.with_profile(3).await;
+    app.with_scan("bee").await;
+    let line = "No camera: reconstruction must estimate the focal length";
+    for path in ["/profiles/rig/lens", "/scans/bee"] {
+        assert!(page(app, path).await.contains(line), "{path}");
+    }
+    let url = "/v1/profiles/rig/lens/camera";
+    let told = problem(app.post(url).json(&json!({})).send().await.unwrap(), 422, "invalid_profile").await;
+    assert!(told["detail"].as_str().unwrap().contains("give pixel_pitch_mm"), "{told}");
+    problem(app.post(url).json(&json!({ "focal_mm": -1 })).send().await.unwrap(), 400, "invalid_request").await;
+    problem(app.post(url).json(&json!({ "focal": 65 })).send().await.unwrap(), 400, "invalid_request").await;
+    problem(app.post("/v1/profiles/rig/none/camera").json(&json!({})).send().await.unwrap(), 404, "profile_not_found")
+        .await;
+
+    let before: Value = app.get("/v1/profiles/rig/lens").send().await.unwrap().json().await.unwrap();
+    let numbers = json!({ "focal_mm": 65, "magnification": 1, "pixel_pitch_mm": 0.01 });
+    let stale = app.post(url).header("if-match", "\"9\"").json(&numbers).send().await.unwrap();
+    problem(stale, 412, "precondition_failed").await;
+    // the second time nothing is new
+    for _ in 0..2 {
+        let answer = app.post(url).json(&numbers).send().await.unwrap();
+        assert_eq!(answer.headers()["etag"], "\"2\"");
+        let with: Value = answer.json().await.unwrap();
+        assert_eq!((&with["revision"], &with["digest"]), (&json!(2), &before["digest"]), "{with}");
+        assert_ne!(with["optics_digest"], before["optics_digest"]);
+        assert_eq!((&with["principal_distance_mm"], &with["slices"]), (&json!(130.0), &before["slices"]));
+        assert!(with["principal_distance_sigma_mm"].as_f64().unwrap() > 10.0, "it is told to be rough: {with}");
+    }
+    let text = page(app, "/profiles/rig/lens").await;
+    assert!(
+        text.contains("130.000 ± ") && text.contains("rough, from the focal length") && !text.contains(line),
+        "{text}"
+    );
+    assert!(!page(app, "/scans/bee").await.contains(line));
 }

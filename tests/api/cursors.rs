@@ -73,7 +73,7 @@ async fn a_list_takes_only_the_cursors_that_it_returned() {
 async fn the_lists_of_the_pages_refuse_them_too() {
     let (app, _) = two_of_each().await;
     let scans = page(&app, "/v1/scans", "").await["next_cursor"].as_str().unwrap().to_owned();
-    for path in ["/", "/scans", "/profiles"] {
+    for path in ["/stacks", "/scans", "/profiles"] {
         for cursor in ["abc", "7fffffffffffffff", scans.as_str()] {
             let answer =
                 app.get(&format!("{path}?cursor={cursor}")).header("accept", "text/html").send().await.unwrap();

@@ -46,8 +46,8 @@ pub fn still() -> reqwest::Client {
 async fn every_page_of_an_empty_store_says_what_to_do() {
     let app = TestApp::start().await;
     for (path, words) in [
-        ("/", "There are no stacks yet"),
-        ("/?state=failed", "No stack matches"),
+        ("/stacks", "There are no stacks yet"),
+        ("/stacks?state=failed", "No stack matches"),
         ("/send", "Drop a zip or a folder here"),
         ("/scans", "There are no scans yet"),
         ("/profiles", "There are no profiles yet"),
@@ -63,9 +63,14 @@ async fn every_page_of_an_empty_store_says_what_to_do() {
 async fn a_page_that_does_not_exist_says_so_in_words() {
     let app = TestApp::start().await;
     let none = Uuid::now_v7();
-    for path in
-        [&format!("/stacks/{none}"), "/scans/nothing", "/profiles/rig/lens", "/stacks/7", "/?state=lost", "/?cursor=x"]
-    {
+    for path in [
+        &format!("/stacks/{none}"),
+        "/scans/nothing",
+        "/profiles/rig/lens",
+        "/stacks/7",
+        "/stacks?state=lost",
+        "/stacks?cursor=x",
+    ] {
         let answer = app.get(path).header("accept", HTML).send().await.unwrap();
         assert!(answer.status().is_client_error(), "{path}");
         let text = checked(answer).await;
@@ -81,16 +86,16 @@ async fn a_stack_is_shown_from_waiting_to_done() {
     let app = TestApp::start().await;
     let first = id(&app.with_stack("&label=beetle").await);
     let second = id(&app.with_stack("&label=wasp").await);
-    let text = page(&app, "/").await;
+    let text = page(&app, "/stacks").await;
     assert!(text.contains("beetle") && text.contains("next") && text.contains("2nd in the queue"), "{text}");
     let low = id(&app.with_stack("&priority=low").await);
-    assert!(page(&app, "/").await.contains("low priority"));
+    assert!(page(&app, "/stacks").await.contains("low priority"));
     app.store.metadata.cancel(low).await.unwrap();
     let job = app.claim().await;
     assert_eq!(job.id, first);
     assert!(page(&app, &format!("/stacks/{first}")).await.contains("id=\"cancel\""));
     app.finish(&job).await;
-    let text = page(&app, "/").await;
+    let text = page(&app, "/stacks").await;
     assert!(text.contains(&format!("/stacks/{first}/thumbnail?v=")), "{text}");
     let text = page(&app, &format!("/stacks/{first}")).await;
     assert!(
@@ -101,7 +106,7 @@ async fn a_stack_is_shown_from_waiting_to_done() {
     app.fail(&job, Fault::new(Code::SizeMismatch, "the slices <are> too small")).await;
     let text = page(&app, &format!("/stacks/{second}")).await;
     assert!(text.contains("The slices &lt;are&gt; too small"), "{text}");
-    let failed = page(&app, "/?state=failed&rig=rig").await;
+    let failed = page(&app, "/stacks?state=failed&rig=rig").await;
     assert!(failed.contains("wasp") && !failed.contains("beetle"), "{failed}");
 }
 
@@ -120,7 +125,7 @@ async fn names_that_attack_stay_text() {
     let stack: Value = request.body(stack_zip(2, 2)).send().await.unwrap().json().await.unwrap();
     app.finish(&app.claim().await).await;
     let stack = format!("/stacks/{}", id(&stack));
-    for path in ["/", stack.as_str(), "/scans", "/scans/bee", "/profiles", "/profiles/rig/lens", "/send"] {
+    for path in ["/", "/stacks", stack.as_str(), "/scans", "/scans/bee", "/profiles", "/profiles/rig/lens", "/send"] {
         let text = page(&app, path).await;
         assert!(!text.contains("alert(1)</script>") && !text.contains('\u{202e}'), "{path}: {text}");
     }
@@ -131,10 +136,10 @@ async fn names_that_attack_stay_text() {
 async fn the_rows_are_sent_again_only_when_they_changed() {
     let app = TestApp::start().await;
     app.with_stack("").await;
-    let rows = app.get("/?part=rows").send().await.unwrap();
+    let rows = app.get("/stacks?part=rows").send().await.unwrap();
     let tag = rows.headers()["etag"].clone();
     assert!(rows.text().await.unwrap().starts_with("<ol class=\"rows\">"));
-    let again = async || app.get("/?part=rows").header("if-none-match", &tag).send().await.unwrap().status();
+    let again = async || app.get("/stacks?part=rows").header("if-none-match", &tag).send().await.unwrap().status();
     assert_eq!(again().await, StatusCode::NOT_MODIFIED);
     app.claim().await;
     assert_eq!(again().await, StatusCode::OK);
@@ -191,7 +196,7 @@ async fn the_first_page_is_small_and_its_files_are_kept() {
     let app = TestApp::start().await;
     app.with_stack("").await;
     app.finish(&app.claim().await).await;
-    let text = page(&app, "/").await;
+    let text = page(&app, "/stacks").await;
     let mut bytes = text.len();
     let mut urls: Vec<String> = text.split('"').filter(|part| part.starts_with("/web/")).map(str::to_owned).collect();
     urls.dedup();
@@ -234,7 +239,7 @@ async fn a_page_of_the_list_has_few_stacks_however_many_there_are() {
     let jobs: Vec<NewJob> = (1..STACKS).map(job).collect();
     let seeded = app.store.metadata.enqueue_all(&jobs, 1 << 20).await.unwrap();
     assert!(matches!(seeded, EnqueueAll::Accepted(_)));
-    let mut path = "/?rig=rig".to_owned();
+    let mut path = "/stacks?rig=rig".to_owned();
     for at in 0..3 {
         let text = page(&app, &path).await;
         assert_eq!(text.matches("<li id=\"job-").count(), 24);
@@ -242,8 +247,8 @@ async fn a_page_of_the_list_has_few_stacks_however_many_there_are() {
         assert!(text.contains(&format!("number-{}<", STACKS - 1 - 24 * at)), "{text}");
         let link = text.split("rel=\"next\"").next().unwrap();
         path = link.rsplit("href=\"").next().unwrap().split('"').next().unwrap().replace("&amp;", "&");
-        assert!(path.starts_with("/?rig=rig&cursor="), "{path}");
+        assert!(path.starts_with("/stacks?rig=rig&cursor="), "{path}");
     }
-    let done = page(&app, "/?state=succeeded").await;
+    let done = page(&app, "/stacks?state=succeeded").await;
     assert_eq!(done.matches("<li id=\"job-").count(), 1);
 }

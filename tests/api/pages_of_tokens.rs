@@ -22,6 +22,11 @@ async fn pages_lead_to_the_form_for_a_token_and_a_token_opens_them() {
         (StatusCode::SEE_OTHER, &"/sign-in?next=%2Fscans%3Fcursor%3D1".parse().unwrap())
     );
     assert!(page(&app, "/sign-in?next=%2Fscans").await.contains("value=\"/scans\""));
+    // a link of a page to the API, when the session has ended
+    let report = || client.get(url("/v1/calibrations/x/report?a=b")).header("accept", HTML);
+    let to = report().header("sec-fetch-dest", "document").send().await.unwrap();
+    assert_eq!(to.headers()["location"], "/sign-in?next=%2Fv1%2Fcalibrations%2Fx%2Freport%3Fa%3Db");
+    problem(report().send().await.unwrap(), 401, "unauthorized").await;
 
     let sign_in = |form: String, origin: &str| {
         let request = client.post(url("/sign-in")).header("origin", origin.to_owned()).header("accept", HTML);
@@ -71,7 +76,7 @@ async fn a_token_that_may_only_read_sees_no_buttons_that_are_refused() {
         let request = app.client.get(format!("{base}{path}")).bearer_auth(&reader).header("accept", HTML);
         request.send().await.unwrap()
     };
-    for path in ["/", "/scans", "/scans/bee", "/profiles", &format!("/stacks/{stack}")] {
+    for path in ["/", "/stacks", "/scans", "/scans/bee", "/profiles", &format!("/stacks/{stack}")] {
         let text = checked(get(path).await).await;
         for button in ["id=\"delete\"", "id=\"cancel\"", "id=\"rerun\"", "href=\"/send"] {
             assert!(!text.contains(button), "{button} on {path}");
@@ -107,7 +112,7 @@ async fn an_isolated_token_sees_no_work_of_others_on_any_page() {
     app.finish(&app.claim().await).await;
     let get =
         async |path: &str, token: &str| app.get(path).bearer_auth(token).header("accept", HTML).send().await.unwrap();
-    for path in ["/", "/scans", "/send", &format!("/stacks/{bobs}?compare={stack}")] {
+    for path in ["/", "/stacks", "/scans", "/send", &format!("/stacks/{bobs}?compare={stack}")] {
         let text = checked(get(path, &bob).await).await;
         assert!(!text.contains("secret-beetle") && !text.contains("anns"), "{path}: {text}");
     }

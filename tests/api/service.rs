@@ -168,6 +168,7 @@ fn every_call_of_the_contract_is_documented_with_its_errors() {
         ("/v1/profiles/{rig}/{lens}", "delete"),
         ("/v1/profiles/{rig}/{lens}/revisions", "get"),
         ("/v1/profiles/{rig}/{lens}/rig-parameters", "post"),
+        ("/v1/profiles/{rig}/{lens}/camera", "post"),
         ("/v1/profiles/{rig}/{lens}/export", "get"),
         ("/v1/profiles/{rig}/{lens}/import", "post"),
         ("/v1/profiles/{rig}/{lens}/calibrations", "post"),
@@ -255,7 +256,8 @@ fn every_refusal_names_its_codes_with_an_example_of_each() {
 #[test]
 fn every_code_can_be_found_in_the_document() {
     // codes that no operation returns itself: errors of jobs, and unknown methods
-    const ELSEWHERE: [&str; 4] = ["target_not_found", "worker_lost", "method_not_allowed", "method_not_implemented"];
+    const ELSEWHERE: [&str; 5] =
+        ["target_not_found", "reconstruction_failed", "worker_lost", "method_not_allowed", "method_not_implemented"];
     let document = DOCUMENT.value();
     let codes = document["components"]["schemas"]["Code"]["enum"].as_array().unwrap();
     let all_operations = operations(document);

@@ -13,8 +13,8 @@ async fn the_slices_of_a_stack_are_shown_as_they_were_fused() {
     app.finish(&app.claim().await).await;
     let page = app.get(&format!("/stacks/{stack}")).send().await.unwrap().text().await.unwrap();
     let job = app.store.metadata.job(stack).await.unwrap().unwrap();
-    let count = job.request.layout().front.len();
-    assert!(page.contains(&format!("Slice {count} of {count}, aligned")), "{page}");
+    let count = job.request.layout().expect("a stack").front.len();
+    assert!(page.contains(&format!("Slice {0} of 0 to {0}, aligned", count - 1)), "{page}");
     for _ in 0..2 {
         let answer = tile("slice-0/0/0/0").await;
         assert_eq!(

@@ -83,6 +83,29 @@ fn colmap_finds_the_poses_of_a_part_of_a_fused_scan() {
     let fused = accuracy(&server, "a part", &fused);
     assert_eq!(fused.registered, setup.views.len(), "all views are registered");
     assert!(fused.radial_percent < PART_PERCENT, "{fused}");
+    reconstructed_by_the_service(&server, setup.views.len());
+}
+
+/// The service reconstructs the scan by itself, as exactly.
+fn reconstructed_by_the_service(server: &Server, views: usize) {
+    let made = server.finished(&server.curl(&["-X", "POST"], "/v1/scans/beetle/reconstructions"));
+    assert_eq!(made["state"], "succeeded", "{made}");
+    let result = &made["result"];
+    assert_eq!(result["registered"], views, "{result}");
+    assert!(result["mean_error_px"].as_f64().is_some_and(|error| error > 0.05 && error < 0.6), "{result}");
+    assert!(result["points"].as_u64().is_some_and(|points| points > 300), "{result}");
+    let findings = result["findings"].as_array().expect("a list");
+    let wrong =
+        ["no_model", "not_registered", "several_parts", "turntable_slipped", "specimen_moved", "turntable_wobbles"];
+    let is_wrong = |one: &&serde_json::Value| wrong.iter().any(|code| one["code"] == *code);
+    assert_eq!(findings.iter().find(is_wrong), None, "{findings:?}");
+    for view in result["views"].as_array().expect("views") {
+        assert!(view["features"].as_u64().is_some_and(|features| features > 100), "{view}");
+    }
+    let report = server.curl(&[], &format!("{}/poses", made["links"]["self"].as_str().expect("a path")));
+    let accuracy = Accuracy::of(&report);
+    println!("by the service: {accuracy}");
+    assert!(accuracy.radial_percent < PART_PERCENT, "{accuracy}");
 }
 
 #[test]

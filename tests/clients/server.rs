@@ -37,9 +37,14 @@ impl Server {
 
     /// The same, with nothing that runs jobs.
     pub fn start_without_workers() -> Self {
-        let folder = tempfile::tempdir().expect("a folder");
         let mut command = Command::new(env!("CARGO_BIN_EXE_pinstack"));
         command.env("PINSTACK_WORKERS", "0");
+        Self::start_by(command)
+    }
+
+    /// The same, started by this command.
+    pub fn start_by(command: Command) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
         let (process, url) = serve_by(command, &folder);
         Self { process, url, folder }
     }
@@ -50,7 +55,7 @@ impl Server {
     }
 
     /// The same, started by this command.
-    pub fn start_with_a_token_by(command: Command) -> (Self, String) {
+    fn start_with_a_token_by(command: Command) -> (Self, String) {
         let folder = tempfile::tempdir().expect("a folder");
         let token = run(Command::new(env!("CARGO_BIN_EXE_pinstack"))
             .args(["token", "add", "tester", "--scope", "admin", "--data-dir"])
@@ -75,6 +80,13 @@ impl Server {
         self.process.kill().expect("it can be killed");
         self.process.wait().expect("it ended");
         (self.process, self.url) = serve(&self.folder);
+    }
+
+    /// The same, by another command.
+    pub fn start_again_by(&mut self, command: Command) {
+        self.process.kill().expect("it can be killed");
+        self.process.wait().expect("it ended");
+        (self.process, self.url) = serve_by(command, &self.folder);
     }
 
     /// The answer that curl gets, as JSON.

@@ -18,7 +18,7 @@ impl Drop for Process {
     }
 }
 
-/// Makes `{name}.pem` and `{name}.key` for 127.0.0.1.
+/// Makes `{name}.pem` and `{name}.key` for 127.0.0.1 and the hosts of the documentation.
 pub fn certificate(folder: &Path, name: &str) {
     run(Command::new("openssl").current_dir(folder).args([
         "req",
@@ -33,7 +33,7 @@ pub fn certificate(folder: &Path, name: &str) {
         "-subj",
         "/CN=pinstack",
         "-addext",
-        "subjectAltName=IP:127.0.0.1",
+        "subjectAltName=IP:127.0.0.1,DNS:pinstack.example,DNS:lab.example",
         "-keyout",
         &format!("{name}.key"),
         "-out",

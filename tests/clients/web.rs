@@ -2,6 +2,8 @@
 
 use std::{fs, path::Path, process::Command};
 
+use pinstack::http::pages::model::model_viewer;
+
 use crate::{
     run,
     server::{Server, small_rig, write_slices, write_stack_of},
@@ -24,6 +26,13 @@ fn write_files(folder: &Path) {
             }
         }
     }
+}
+
+/// Writes what the page of a model has, for the scenario that shows one: the test makes the files of the model.
+fn write_model_page(server: &Server) {
+    let [points, cameras, hull] = ["points", "cameras", "hull"].map(|name| format!("/model-test/{name}"));
+    let viewer = model_viewer(Some(&points), Some(&cameras), Some(&hull)).into_string();
+    fs::write(server.folder.path().join("model.html"), viewer).expect("a file");
 }
 
 fn scenario(name: &str, server: &Server) {
@@ -121,8 +130,102 @@ fn the_pages_have_no_fault_that_axe_finds() {
 
 #[test]
 #[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn the_ball_of_views_is_turned_and_leads_to_the_stacks() {
+    scenario("ball", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn every_view_of_a_scan_is_on_its_page_whatever_the_width() {
+    scenario("widths", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_height_map_is_shown_as_a_relief() {
+    scenario("relief", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn the_viewer_tells_values_and_lengths_by_mouse_keyboard_and_finger() {
+    scenario("values", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_model_shows_points_cameras_and_surface() {
+    let server = with_work();
+    write_model_page(&server);
+    scenario("model", &server);
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn without_webgl_the_text_remains() {
+    scenario("no_webgl", &with_work());
+}
+
+#[test]
+#[ignore = "needs node"]
+fn files_of_models_and_height_maps_are_read() {
+    let tests = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/clients/web/readers.mjs");
+    let told = run(Command::new("node").arg(tests));
+    assert!(told.contains("done"), "{told}");
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn a_token_opens_the_pages() {
     let (server, token) = Server::start_with_a_token();
     fs::write(server.folder.path().join("token"), token).expect("a file");
     scenario("token", &server);
+}
+
+#[test]
+#[ignore = "needs node, python3"]
+fn the_modules_of_the_pages_compute_what_they_say() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let root = env!("CARGO_MANIFEST_DIR");
+    let told = run(Command::new("node")
+        .arg(format!("{root}/tests/clients/web/modules.cjs"))
+        .arg(format!("{root}/src/http/pages/assets"))
+        .arg(folder.path()));
+    assert!(told.contains("done"), "{told}");
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn what_will_be_sent_is_told_before_and_a_person_needs_no_mouse() {
+    scenario("told", &with_profile());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn what_does_not_fit_is_told_with_its_cure_before_anything_is_sent() {
+    scenario("misfits", &with_profile());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_folder_of_three_thousand_files_stays_quick() {
+    scenario("many", &with_profile());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_profile_without_a_camera_says_so_and_gets_one_without_an_upload() {
+    scenario("camera", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn an_upload_goes_on_after_the_person_signed_in_again() {
+    scenario("signed_out", &with_profile());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_server_that_is_gone_is_told_and_the_page_goes_on_when_it_is_back() {
+    scenario("gone", &with_work());
 }

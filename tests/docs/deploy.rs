@@ -70,6 +70,22 @@ fn every_setting_in_deploy_exists() {
 }
 
 #[test]
+fn the_dockerfile_makes_every_file_that_cargo_wants_before_the_sources_are_there() {
+    let dockerfile = read("Dockerfile");
+    let step = dockerfile.split("\nRUN ").find(|step| step.contains("/benches")).expect("a step");
+    let (step, _) = step.split_once("&& cargo build").expect("it builds the dependencies");
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::create_dir(folder.path().join("science")).expect("a folder");
+    for name in ["Cargo.toml", "Cargo.lock", "science/Cargo.toml"] {
+        fs::write(folder.path().join(name), read(name)).expect("a file");
+    }
+    let script = format!("set -e; {step}&& \"$0\" metadata --locked --offline --no-deps --format-version 1");
+    let done = Command::new("sh").args(["-c", &script, env!("CARGO")]).current_dir(folder.path()).output();
+    let done = done.expect("a shell starts");
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+}
+
+#[test]
 #[ignore = "needs check-jsonschema"]
 fn compose_files_fit_their_schema() {
     run("check-jsonschema", &[&["--builtin-schema", "vendor.compose-spec"][..], &COMPOSE].concat());

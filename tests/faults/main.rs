@@ -32,6 +32,7 @@ mod machines;
 mod matrix;
 mod moving;
 mod random;
+mod reconstruction;
 mod redirects;
 mod relay;
 mod service;

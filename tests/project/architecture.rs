@@ -12,7 +12,7 @@ const SCIENCE: &[&[&str]] = &[
     &["quality", "segmentation"],
     &["fusion", "calibration"],
     &["archive", "optics"],
-    &["photogrammetry"],
+    &["photogrammetry", "hull"],
 ];
 
 /// The modules of `src`, lowest layer first.

@@ -14,7 +14,8 @@ from typing import Any, Dict, List, Set
 ROOTS = [
     "Calibration", "CalibrationOptions", "ErrorLocation", "Info", "Metrics", "NameGrouping", "PoseReport", "Problem",
     "Profile", "ProfileInput", "ProfileSummary", "Progress", "RerunOptions", "ResumableUpload", "ScanArchiveView",
-    "Scan", "ScanInput", "ScanRerun", "ScanWithViews", "Stack", "StackOptionsInput",
+    "Scan", "ScanInput", "ScanRerun", "ScanWithViews", "Stack", "StackOptionsInput", "StackTotals",
+    "Reconstruction",
 ]  # fmt: skip
 
 HEAD = '''"""Types of the JSON documents of the service. Written by ``tools/models.py``; do not edit.
@@ -24,7 +25,7 @@ At run time each is a plain ``dict``: members that a newer service adds are kept
 
 from __future__ import annotations
 
-from typing import Dict, List, Literal, Optional, TypedDict
+from typing import Any, Dict, List, Literal, Optional, TypedDict
 
 from typing_extensions import NotRequired
 '''

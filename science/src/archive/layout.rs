@@ -42,16 +42,31 @@ pub(super) fn sort(
 
     let sorted = match manifest {
         Some((_, manifest)) => SortedSlices { moved, ..manifest.apply(pictures)? },
-        None => {
-            let (mut front, mut back, lights) = by_folder(pictures)?;
-            // the times of capture may correct this order, and the warnings come with them
-            slice_order::sort(&mut front, |member| &member.name, &mut Vec::new());
-            slice_order::sort(&mut back, |member| &member.name, &mut Vec::new());
-            SortedSlices { front, back, lights, moved, is_listed: false }
-        }
+        None => by_names(pictures, moved)?,
     };
     refuse_extremes(&sorted)?;
     Ok(sorted)
+}
+
+/// The same by names alone. `listed` is the manifest of the stack, if it has one.
+pub(super) fn of_pictures(pictures: Vec<Member>, listed: Option<manifest::Manifest>) -> Result<SortedSlices, Error> {
+    refuse_twins(&pictures)?;
+    let (pictures, moved) = moved_target::split(pictures)?;
+    let (pictures, _) = unwrapped(pictures);
+    let sorted = match listed {
+        Some(manifest) => SortedSlices { moved, ..manifest.apply(pictures)? },
+        None => by_names(pictures, moved)?,
+    };
+    refuse_extremes(&sorted)?;
+    Ok(sorted)
+}
+
+fn by_names(pictures: Vec<Picture>, moved: Vec<Member>) -> Result<SortedSlices, Error> {
+    let (mut front, mut back, lights) = by_folder(pictures)?;
+    // the times of capture may correct this order, and the warnings come with them
+    slice_order::sort(&mut front, |member| &member.name, &mut Vec::new());
+    slice_order::sort(&mut back, |member| &member.name, &mut Vec::new());
+    Ok(SortedSlices { front, back, lights, moved, is_listed: false })
 }
 
 /// All files of the zip, with checked names.

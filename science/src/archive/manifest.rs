@@ -66,6 +66,13 @@ pub(super) fn find(
     Ok(Some((member.clone(), manifest)))
 }
 
+/// The manifest of one stack in `bytes`; `None` where they are something else, such as the list of a scan.
+pub(super) fn of_stack(bytes: &[u8]) -> Option<Manifest> {
+    let value = json(FILE, bytes, "").ok()?;
+    let is_one = value.get("front").is_some() || value.get("back").is_some();
+    serde_json::from_value(value).ok().filter(|_| is_one)
+}
+
 /// The JSON of the manifest `name`, which may begin with a byte order mark.
 pub(super) fn json(name: &str, bytes: &[u8], advice: &str) -> Result<serde_json::Value, Error> {
     let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);

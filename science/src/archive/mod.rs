@@ -35,6 +35,7 @@ mod member_names;
 mod members;
 mod messages;
 mod moved_target;
+mod named_stack;
 mod natural_order;
 mod not_a_zip;
 mod notation;
@@ -62,6 +63,7 @@ pub use container::pack;
 pub use copies::{copied, copies};
 pub use light::Light;
 pub use limits::ArchiveLimits;
+pub use named_stack::NamedStack;
 pub use numbering_gaps::skipped;
 pub use scan::{
     Ignored, ScanArchive, ScanRules, ScanView, holds_scan, open_first_near, open_scan, open_scan_shared, open_stacks,

@@ -7,6 +7,7 @@ mod further_lights;
 mod headers;
 mod layout;
 mod moved_target;
+mod named_stack;
 mod order;
 mod sentences;
 mod without_zip64;

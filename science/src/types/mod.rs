@@ -16,6 +16,7 @@ pub mod lens;
 pub mod mask_options;
 pub mod matrices;
 pub mod metrics;
+pub mod pinhole;
 pub mod profile;
 pub mod pupils;
 pub mod read_at;

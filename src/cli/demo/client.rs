@@ -8,13 +8,24 @@ use tokio_util::io::ReaderStream;
 
 use crate::{cli::serve::Service, settings::Settings};
 
-/// Starts the service on its default port, or on a free port if that is in use.
-pub(super) async fn start_service(data_dir: PathBuf) -> Result<Service> {
+/// Starts the service on this port; without one on its default port, or on a free port if that is in use.
+pub(super) async fn start_service(data_dir: PathBuf, port: Option<u16>) -> Result<Service> {
     let settings = Settings { data_dir, ..Settings::default() };
+    let at = |port: u16| Settings { listen: format!("127.0.0.1:{port}"), ..settings.clone() };
+    if let Some(port) = port {
+        return Service::start(&at(port)).await.with_context(|| format!("--port {port}"));
+    }
     match Service::start(&settings).await {
         Ok(service) => Ok(service),
-        Err(_) => Service::start(&Settings { listen: "127.0.0.1:0".into(), ..settings }).await,
+        Err(_) => Service::start(&at(0)).await,
     }
+}
+
+/// A line per page of the service: those of the results first.
+pub(super) fn pages(url: &str, results: &[(&str, &str)]) -> String {
+    let all = results.iter().chain(&[("everything", ""), ("the guide", "guide"), ("the API", "docs")]);
+    let lines: Vec<String> = all.map(|(what, path)| format!("  {what:12} {url}/{path}")).collect();
+    lines.join("\n")
 }
 
 /// A client of one server. Its methods fail when the server does not answer with 2xx, with the detail of the problem.

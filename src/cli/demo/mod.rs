@@ -24,6 +24,9 @@ pub struct Demo {
     /// Keep the service running afterwards and print requests to try.
     #[arg(long)]
     keep: bool,
+    /// Port of the service on this machine [default: 8080, or a free one if that is in use].
+    #[arg(long)]
+    port: Option<u16>,
     /// Seed of the random numbers.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -43,7 +46,7 @@ pub struct Demo {
     #[arg(long, requires = "scan", default_value_t = 18, value_parser = clap::value_parser!(u32).range(3..=360))]
     pans: u32,
     /// Tilts of the camera at which the scan goes around, degrees.
-    #[arg(long, requires = "scan", value_delimiter = ',', allow_hyphen_values = true, default_values_t = [0.0, 12.0], value_parser = tilt)]
+    #[arg(long, requires = "scan", num_args = 1.., value_delimiter = ',', allow_negative_numbers = true, default_values_t = [0.0, 12.0], value_parser = tilt)]
     tilts: Vec<f64>,
 }
 
@@ -61,17 +64,18 @@ impl Demo {
     pub fn run(self) -> Result<()> {
         let size =
             |width: u32, slices: u32| (self.width.unwrap_or(width) as usize, self.slices.unwrap_or(slices) as usize);
-        let (seed, keep) = (self.seed, self.keep);
+        let (seed, keep, port) = (self.seed, self.keep, self.port);
         let runtime = tokio::runtime::Runtime::new()?;
         if self.scan {
             let (width, slices) = size(600, 9);
             let (pans, render_only) = (self.pans, self.render_only);
             let out = self.out.unwrap_or_else(|| "demo-scan".into());
-            runtime.block_on(ScanDemo { out, render_only, keep, width, slices, pans, tilts: self.tilts, seed }.run())
+            let demo = ScanDemo { out, render_only, keep, port, width, slices, pans, tilts: self.tilts, seed };
+            runtime.block_on(demo.run())
         } else {
             let (width, slices) = size(1200, 13);
             let out = self.out.unwrap_or_else(|| "demo-out".into());
-            runtime.block_on(SingleDemo { out, keep, width, slices, seed }.run())
+            runtime.block_on(SingleDemo { out, keep, port, width, slices, seed }.run())
         }
     }
 }

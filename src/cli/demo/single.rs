@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use serde_json::Value;
 
 use super::{
-    client::{Client, start_service},
+    client::{Client, pages, start_service},
     files::{TARGET_COLUMNS, write_stack, write_target},
     sheet,
     truth::{Known, Score},
@@ -33,6 +33,8 @@ pub(super) struct SingleDemo {
     pub out: PathBuf,
     /// Keep the service running afterwards.
     pub keep: bool,
+    /// Port of the service; `None`: the default, or a free one.
+    pub port: Option<u16>,
     /// Width of a slice, px.
     pub width: usize,
     /// Number of slices.
@@ -69,7 +71,7 @@ impl SingleDemo {
         };
         let rendered = begin.elapsed();
 
-        let service = start_service(data).await?;
+        let service = start_service(data, self.port).await?;
         let url = format!("http://{}", service.address());
         let client = Client::new(url.clone());
         note("calibrating");
@@ -162,5 +164,6 @@ fn print_calls(url: &str, stack: &Value, zip: &Path) {
         "  curl -X POST -T {} -H 'Content-Type: application/zip' -H 'Prefer: wait=50' '{url}/v1/stacks?rig={RIG}&lens={LENS}&crop=valid'",
         zip.display()
     ));
-    say(format!("\nand in a browser: {url}/docs"));
+    say("\nand in a browser:\n");
+    say(pages(url, &[("the stack", &format!("stacks/{id}")), ("its profile", &format!("profiles/{RIG}/{LENS}"))]));
 }

@@ -1,4 +1,4 @@
-//! The machine: data folder, disk, memory, open files, address.
+//! The machine: data folder, disk, memory, open files, COLMAP, address.
 
 use std::{fs, io, path::Path, time::Duration};
 
@@ -7,6 +7,7 @@ use tokio::{net::TcpListener, time::timeout};
 use super::finding::Finding;
 use crate::{
     cli::{files, memory},
+    jobs::reconstruction::INSTALL,
     settings::Settings,
 };
 
@@ -89,10 +90,8 @@ pub(super) fn memory(config: &Settings) -> Finding {
         return Finding::warning("memory", "the memory of this machine is unknown");
     };
     let shown = format!("{whose} has {}, the jobs may take {} (memory_mb)", gib(most), gib(budget));
-    if config.workers > 0 && budget > most {
-        Finding::problem("memory", format!("{shown}: the system would kill the server; lower memory_mb"))
-    } else if config.workers > 0 && budget > most / 10 * 9 {
-        Finding::warning("memory", format!("{shown}: leave a tenth to the rest; lower memory_mb"))
+    if config.workers > 0 && budget > most / 10 * 9 {
+        Finding::warning("memory", format!("{shown}: a process takes nine tenths at most; lower memory_mb"))
     } else {
         Finding::ok("memory", shown)
     }
@@ -112,6 +111,25 @@ pub(super) fn open_files(config: &Settings) -> Finding {
         return Finding::warning("open files", detail);
     }
     Finding::ok("open files", shown)
+}
+
+/// Whether workers here can reconstruct scans.
+pub(super) fn colmap(config: &Settings) -> Finding {
+    match (config.colmap(), &config.colmap) {
+        (Some(found), _) => Finding::ok("colmap", format!("reconstructions run {}", found.program.display())),
+        (None, _) if config.workers == 0 => Finding::ok("colmap", "not needed: no jobs run here (workers=0)"),
+        (None, Some(path)) => {
+            let detail = format!(
+                "there is no program {}: workers here leave reconstructions to others; correct the setting colmap",
+                path.display()
+            );
+            Finding::problem("colmap", detail)
+        }
+        (None, None) => Finding::warning(
+            "colmap",
+            format!("not found: workers here run no reconstructions; to have them, {INSTALL}"),
+        ),
+    }
 }
 
 /// Whether the address is free, or a pinstack answers there.

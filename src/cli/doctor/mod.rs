@@ -15,9 +15,9 @@ use self::finding::{Finding, Level};
 use super::{output::say, store::Place};
 use crate::settings::Settings;
 
-/// Check settings, data folder, disk, memory, open files, database, bucket, collector of traces, tokens and address of
-/// a service, and say what to do. Nothing is changed, and a server may run meanwhile. The exit code is 1 if there is a
-/// problem.
+/// Check settings, data folder, disk, memory, open files, COLMAP, database, bucket, collector of traces, tokens and
+/// address of a service, and say what to do. Nothing is changed, and a server may run meanwhile. The exit code is 1 if
+/// there is a problem.
 #[derive(Debug, Args)]
 pub struct Doctor {
     #[command(flatten)]
@@ -55,6 +55,7 @@ fn findings(config: &Settings) -> anyhow::Result<Vec<Finding>> {
         findings.push(machine::disk(config));
         findings.push(machine::memory(config));
         findings.push(machine::open_files(config));
+        findings.push(machine::colmap(config));
         let (of_database, rows) = database::findings(config).await;
         findings.extend(of_database);
         findings.extend(storage::finding(config).await);

@@ -7,17 +7,15 @@ use serde::Serialize;
 use crate::{
     cli::local::View,
     contract::{
+        Verdict,
         options::StackOptions,
         outcome::{HeightInfo, ImageInfo, JobOutcome},
         request::JobRequest,
+        verdict::{Explained, explained, verdict},
     },
     http::pages::words::duration,
 };
-use pinstack_science::types::{
-    Warning,
-    metrics::{Finding, Metrics, Severity},
-    stack_layout::StackLayout,
-};
+use pinstack_science::types::{Warning, metrics::Metrics, stack_layout::StackLayout};
 
 /// A stack that was fused.
 #[derive(Debug, Serialize)]
@@ -40,6 +38,8 @@ pub(super) struct Fused {
     height: Option<HeightInfo>,
     /// The metrics, as GET /v1/stacks/{id}/metrics answers.
     pub metrics: Metrics,
+    /// The verdict on the result.
+    pub verdict: Verdict,
     /// What the user should know.
     pub warnings: Vec<Warning>,
 }
@@ -65,13 +65,9 @@ impl Fused {
             image: outcome.image,
             height: outcome.height,
             metrics: outcome.metrics,
+            verdict: verdict(&warnings),
             warnings,
         })
-    }
-
-    /// What is found that does not affect the result.
-    fn notes(&self) -> impl Iterator<Item = &Finding> {
-        self.metrics.findings.iter().filter(|finding| finding.severity == Severity::Note)
     }
 
     /// The stack in words.
@@ -104,11 +100,16 @@ impl Fused {
                 let _ = writeln!(out, "  {what:10} {value} {means}");
             }
         }
-        for warning in &self.warnings {
-            let _ = writeln!(out, "  warning    {} ({})", warning.detail, warning.code);
-        }
-        for finding in self.notes() {
-            let _ = writeln!(out, "  note       {} ({})", finding.detail, finding.code);
+        let explained = explained(&self.warnings, &metrics.findings);
+        let because = explained.first().filter(|worst| worst.explanation.verdict > Verdict::Use);
+        let because = because.map(|worst| format!(": {}", worst.explanation.title)).unwrap_or_default();
+        let _ = writeln!(out, "  verdict    {}{because}", self.verdict.words());
+        for Explained { code, detail, explanation, .. } in explained {
+            let what = if self.warnings.iter().any(|warning| warning.detail == detail) { "warning" } else { "note" };
+            let _ = writeln!(out, "  {what:10} {detail} ({code})");
+            if explanation.verdict > Verdict::Use {
+                let _ = writeln!(out, "             {}", explanation.cure);
+            }
         }
         let files: Vec<&str> = self.files.values().map(String::as_str).collect();
         let _ = writeln!(out, "  files      {}: {}", self.folder.display(), files.join(" "));

@@ -15,7 +15,7 @@ use crate::{
         local::{Calibrated, UsedProfile, View, json_of},
         sheet::{self, Cell},
     },
-    http::pages::words::count,
+    contract::Verdict,
     jobs::SOFTWARE,
 };
 use pinstack_science::{photogrammetry::bundle::Layout, types::Warning};
@@ -102,9 +102,9 @@ impl Document {
     fn cells(&self) -> Vec<Cell> {
         let cell = |fused: &Fused| {
             let file = |name: &str| format!("{}/{}", fused.name, fused.files.get(name).map_or("", String::as_str));
-            let caption = match fused.warnings.len() {
-                0 => fused.name.clone(),
-                warnings => format!("{}: {}", fused.name, count(warnings, "warning", "warnings")),
+            let caption = match fused.verdict {
+                Verdict::Use => fused.name.clone(),
+                found => format!("{}: {}", fused.name, found.words()),
             };
             Cell { file: file("image"), picture: file("preview"), caption }
         };

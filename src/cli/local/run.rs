@@ -27,15 +27,12 @@ const UNNAMED: &str = "local";
 /// # Errors
 /// When the memory of the machine, or the disk at `scratch`, is too small for the job.
 pub(in crate::cli) fn fitting(request: &JobRequest, scratch: &Path) -> Result<ScienceRunner> {
-    let mut runner = ScienceRunner { archive_limits: ArchiveLimits::default(), ..ScienceRunner::default() };
-    if let Some((most, whose)) = memory::of_machine() {
-        // the rest is for the system and its files
-        let most = most / 10 * 9;
-        while runner.threads > 1 && runner.memory_need(request) > most {
-            runner.threads -= 1;
-        }
-        let (need, layout) = (runner.memory_need(request), request.layout());
-        if need > most {
+    let limit = memory::for_jobs();
+    let memory = limit.map(|(most, _)| most);
+    let runner = ScienceRunner { archive_limits: ArchiveLimits::default(), memory, ..ScienceRunner::default() };
+    if let Some((most, whose)) = limit {
+        let need = runner.memory_need(request);
+        if let Some(layout) = request.layout().filter(|_| need > most) {
             bail!(
                 "slices of {} x {} px need {} of memory, and {whose} has {} for it: use a machine with more memory, or \
                  smaller pictures",

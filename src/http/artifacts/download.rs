@@ -121,6 +121,7 @@ fn damaged(job: &Job, artifact: &Artifact, found: &str) -> ApiError {
     let remedy = match job.request.kind() {
         JobKind::Stack => "fuse the stack again",
         JobKind::Calibration => "send the target stack again",
+        JobKind::Reconstruction => "reconstruct the scan again",
     };
     let detail = format!(
         "the stored file of the {} is damaged; {remedy}, and ask the operator to run `pinstack verify`",

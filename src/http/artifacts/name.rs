@@ -38,6 +38,7 @@ pub fn of(job: &Job, artifact: &str, media_type: &str) -> String {
     let stem = match &job.request {
         JobRequest::Stack(request) => of_view(&request.options),
         JobRequest::Calibration(_) => None,
+        JobRequest::Reconstruction(request) => Some(tidy(request.scan.as_str())),
     };
     let stem = stem.unwrap_or_else(|| by_upload(job));
     let is_image = artifact == StackArtifact::Image.name();
@@ -72,6 +73,7 @@ fn by_upload(job: &Job) -> String {
     let stem = upload.map(tidy).filter(|stem| !stem.is_empty()).unwrap_or_else(|| match job.request {
         JobRequest::Stack(_) => "stack".to_owned(),
         JobRequest::Calibration(_) => "calibration".to_owned(),
+        JobRequest::Reconstruction(_) => "reconstruction".to_owned(),
     });
     let id = job.id.simple().to_string();
     format!("{stem}_{}", id.get(24..).unwrap_or_default())

@@ -44,7 +44,7 @@ pub fn of(job: &Job) -> ApiResult<&JobOutcome> {
 pub fn of_stack(job: &Job) -> ApiResult<&StackOutcome> {
     match of(job)? {
         JobOutcome::Stack(outcome) => Ok(outcome),
-        JobOutcome::Calibration(_) => Err(not_found(job.id, JobKind::Stack)),
+        JobOutcome::Calibration(_) | JobOutcome::Reconstruction(_) => Err(not_found(job.id, JobKind::Stack)),
     }
 }
 
@@ -55,7 +55,7 @@ pub fn of_stack(job: &Job) -> ApiResult<&StackOutcome> {
 pub fn of_calibration(job: &Job) -> ApiResult<&CalibrationOutcome> {
     match of(job)? {
         JobOutcome::Calibration(outcome) => Ok(outcome),
-        JobOutcome::Stack(_) => Err(not_found(job.id, JobKind::Calibration)),
+        JobOutcome::Stack(_) | JobOutcome::Reconstruction(_) => Err(not_found(job.id, JobKind::Calibration)),
     }
 }
 
@@ -69,15 +69,20 @@ pub fn artifact<'a>(job: &'a Job, name: &str) -> ApiResult<&'a Artifact> {
 
 /// The error for an artifact that a succeeded job did not make.
 pub fn missing(job: &Job, name: &str) -> ApiError {
+    let Some(layout) = job.request.layout() else {
+        let detail =
+            format!("the reconstruction has no {name}, because too few views were registered; its findings say why");
+        return ApiError::new(Code::NoResult, detail);
+    };
     if StackArtifact::of_name(name).is_some_and(StackArtifact::needs_height) {
         let detail = format!("there is no {name}: the stack was fused with height=none; rerun it with height=auto");
         return ApiError::new(Code::NoResult, detail);
     }
     if let Some(light) = light_of(name) {
-        return ApiError::new(Code::NoResult, no_light(light, job.request.layout()));
+        return ApiError::new(Code::NoResult, no_light(light, layout));
     }
     let needs_back_light = StackArtifact::of_name(name).is_some_and(StackArtifact::needs_back_light);
-    let has_back_light = !job.request.layout().back.is_empty();
+    let has_back_light = !layout.back.is_empty();
     let detail = match (needs_back_light, has_back_light) {
         (true, false) => format!("there is no {name}: the stack has no back-light slices"),
         (true, true) => format!("there is no {name}: the stack was fused with mask=none"),

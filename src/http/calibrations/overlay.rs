@@ -50,7 +50,8 @@ pub async fn overlay(State(app): State<App>, JobId(id): JobId, uri: Uri, headers
     let Parameters { slice } = params::from_uri(&uri)?;
     let job = load(&app, id, JobKind::Calibration).await?;
     let reference = outcome::of_calibration(&job)?.reference_index;
-    let (slice, slices) = (slice.unwrap_or(reference) as usize, job.request.layout().front.len());
+    let (slice, slices) =
+        (slice.unwrap_or(reference) as usize, job.request.layout().map_or(0, |layout| layout.front.len()));
     if slice >= slices {
         let last = slices.saturating_sub(1);
         let detail = format!("the calibration has no slice {slice}; its {slices} slices are 0 to {last}");

@@ -110,7 +110,7 @@ fn answer(form: Form, job: &Job, revision: Option<u32>, bytes: &[u8], drift: Opt
     }
     let note = match &job.request {
         JobRequest::Calibration(request) => request.options.note.as_deref(),
-        JobRequest::Stack(_) => None,
+        JobRequest::Stack(_) | JobRequest::Reconstruction(_) => None,
     };
     let ended = job.finished_at.unwrap_or(job.created_at);
     let measured = ended.strftime("%Y-%m-%d %H:%M UTC").to_string();

@@ -4,6 +4,7 @@
 use std::borrow::Cow;
 
 use axum::http::Uri;
+use jiff::{Timestamp, civil::Date, tz::TimeZone};
 use percent_encoding::percent_decode_str;
 use serde::{
     Deserialize, Deserializer,
@@ -15,7 +16,7 @@ use serde::{
 };
 
 use crate::{
-    contract::{Code, Fault, JobKind, JobState, Name},
+    contract::{Code, Fault, JobKind, JobState, Name, Verdict},
     http::problem::ApiError,
     store::JobFilter,
 };
@@ -105,15 +106,46 @@ struct JobParameters {
     rig: Option<Name>,
     lens: Option<Name>,
     scan: Option<Name>,
+    verdict: Option<Verdict>,
+    q: Option<String>,
+    since: Option<String>,
+    until: Option<String>,
 }
 
-/// The filter of a list of jobs: `state`, `rig`, `lens` and `scan`.
+/// The filter of a list of jobs: `state`, `rig`, `lens`, `scan`, `verdict`, `q`, `since` and `until`.
 ///
 /// # Errors
 /// `invalid_request` that names the parameter.
 pub fn job_filter(kind: JobKind, pairs: &[(String, String)]) -> Result<JobFilter, ApiError> {
-    let JobParameters { state, rig, lens, scan } = typed(pairs)?;
-    Ok(JobFilter { kind: Some(kind), state, rig, lens, scan, owner: None })
+    let JobParameters { state, rig, lens, scan, verdict, q, since, until } = typed(pairs)?;
+    let since = since.map(|text| moment("since", &text, Edge::Begin)).transpose()?;
+    let until = until.map(|text| moment("until", &text, Edge::End)).transpose()?;
+    Ok(JobFilter { kind: Some(kind), state, rig, lens, scan, verdict, q, since, until, owner: None })
+}
+
+/// Which end of a day a date stands for.
+#[derive(Clone, Copy)]
+enum Edge {
+    Begin,
+    End,
+}
+
+/// A date (UTC), or a time with its offset.
+fn moment(name: &str, text: &str, edge: Edge) -> Result<Timestamp, ApiError> {
+    let text = text.trim();
+    let day = || {
+        let date: Date = text.parse().ok()?;
+        let date = if let Edge::End = edge { date.tomorrow().ok()? } else { date };
+        Some(date.to_zoned(TimeZone::UTC).ok()?.timestamp())
+    };
+    text.parse().ok().or_else(day).ok_or_else(|| {
+        let text: String = text.chars().take(80).collect();
+        let detail =
+            format!("{name} is '{text}'; it must be a date such as 2026-11-27, or a time such as 2026-11-27T08:00:00Z");
+        let place =
+            ErrorLocation { detail: detail.clone(), pointer: Some(name.to_owned()), ..ErrorLocation::default() };
+        Fault::new(Code::InvalidRequest, detail).at(place).into()
+    })
 }
 
 /// The error of a parameter.
@@ -273,6 +305,20 @@ mod tests {
         assert_eq!(read("").expect("no positions").rail_positions_mm, Some(vec![]));
         assert_eq!(read("0,x,1").unwrap_err(), "rail_positions_mm is 'x'; it must be a number");
         assert_eq!(read("0,,1").unwrap_err(), "rail_positions_mm is ''; it must be a number");
+    }
+
+    #[test]
+    fn a_date_is_a_whole_day() {
+        let bounds = |query: &str| {
+            let uri: Uri = format!("/x?{query}").parse().expect("a test writes valid URLs");
+            let filter = job_filter(JobKind::Stack, &pairs(&uri).expect("pairs"));
+            filter.map(|it| (it.since, it.until)).map_err(|e| e.fault().detail.clone())
+        };
+        let at = |text: &str| Some(text.parse::<Timestamp>().expect("a time"));
+        let day = bounds("since=2026-11-27&until=2026-11-27").expect("a day");
+        assert_eq!(day, (at("2026-11-27T00:00:00Z"), at("2026-11-28T00:00:00Z")));
+        assert_eq!(bounds("since=2026-11-27T08:00:00%2B01:00").expect("a time").0, at("2026-11-27T07:00:00Z"));
+        assert!(bounds("until=yesterday").unwrap_err().starts_with("until is 'yesterday'; it must be a date such as"));
     }
 
     #[test]

@@ -21,11 +21,33 @@ use crate::{
     telemetry::events::{self, WaitsOn},
 };
 
-/// Most bytes that are read and discarded after a refusal. Without this, a client that is still sending would see a
-/// connection reset instead of the response.
-const LINGER_BYTES: u64 = 64 << 20;
-/// Longest time for that.
-const LINGER_TIME: Duration = Duration::from_secs(5);
+/// How much is read and discarded after a refusal. Without this, a client that is still sending would see a connection
+/// reset instead of the response.
+#[derive(Debug, Clone, Copy)]
+struct Linger {
+    bytes: u64,
+    time: Duration,
+}
+
+/// Discarding ends when nothing arrives for this time: a proxy may wait for the end of the connection instead.
+const LINGER_IDLE: Duration = Duration::from_secs(5);
+
+impl Linger {
+    /// Clients read the response while they send; some proxies (Apache) read it only after the whole body.
+    fn for_sender(headers: &HeaderMap) -> Self {
+        if headers.contains_key("x-forwarded-for") {
+            Self { bytes: 16 << 30, time: Duration::from_secs(15 * 60) }
+        } else {
+            Self { bytes: 64 << 20, time: Duration::from_secs(5) }
+        }
+    }
+
+    fn discard(self, rest: BodyDataStream) {
+        if tokio::runtime::Handle::try_current().is_ok() {
+            background::spawn(timeout(self.time, linger(rest, self.bytes)));
+        }
+    }
+}
 
 /// True when the client waits for `100 Continue` before it sends the body.
 fn waits_for_continue(headers: &HeaderMap) -> bool {
@@ -47,13 +69,7 @@ pub fn media_type(headers: &HeaderMap) -> Option<String> {
 /// connection reset and not the answer. A client that waits for `100 Continue` sends nothing.
 pub fn discard(headers: &HeaderMap, body: Body) {
     if !waits_for_continue(headers) {
-        discard_rest(body.into_data_stream());
-    }
-}
-
-fn discard_rest(rest: BodyDataStream) {
-    if tokio::runtime::Handle::try_current().is_ok() {
-        background::spawn(timeout(LINGER_TIME, linger(rest)));
+        Linger::for_sender(headers).discard(body.into_data_stream());
     }
 }
 
@@ -96,6 +112,7 @@ pub struct WatchedBody {
     polled: bool,
     /// The client sends nothing before it receives `100 Continue`.
     waits_for_continue: bool,
+    linger: Linger,
     /// Ends when nothing arrived for `idle_timeout`.
     silence: Pin<Box<Sleep>>,
     /// When waiting for the next chunk began.
@@ -113,6 +130,7 @@ impl WatchedBody {
             inner: Some(body.into_data_stream()),
             polled: false,
             waits_for_continue: waits_for_continue(headers),
+            linger: Linger::for_sender(headers),
             silence: Box::pin(sleep(idle_timeout)),
             waits: None,
             idle_timeout,
@@ -199,15 +217,15 @@ impl Drop for WatchedBody {
         if sends_nothing {
             return;
         }
-        discard_rest(rest);
+        self.linger.discard(rest);
     }
 }
 
-async fn linger(mut rest: BodyDataStream) {
+async fn linger(mut rest: BodyDataStream, most: u64) {
     let mut discarded = 0;
-    while let Some(Ok(chunk)) = rest.next().await {
+    while let Ok(Some(Ok(chunk))) = timeout(LINGER_IDLE, rest.next()).await {
         discarded += chunk.len() as u64;
-        if discarded > LINGER_BYTES {
+        if discarded > most {
             return;
         }
     }

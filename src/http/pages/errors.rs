@@ -23,11 +23,13 @@ pub struct ShownAsPage;
 const PAGES: [&str; 10] =
     ["", "stacks", "send", "scans", "profiles", "calibrations", "plan", "guide", "sign-in", "sign-out"];
 
-/// The layer: a person who opens a page that needs a token comes to the page that asks for it; other errors are shown
-/// in words.
+/// The layer: a person who opens a page that needs a token comes to the page that asks for it, and from there back;
+/// also one who follows a link of a page to the API, such as that of a report, when the session has ended. Other errors
+/// of pages are shown in words.
 pub async fn for_people(request: Request, next: Next) -> Response {
     let first = request.uri().path().trim_start_matches('/').split('/').next().unwrap_or_default();
-    if !PAGES.contains(&first) || !accepts_html(request.headers()) {
+    let is_page = PAGES.contains(&first);
+    if !(is_page || is_opened(request.headers())) || !accepts_html(request.headers()) {
         return next.run(request).await;
     }
     let is_read = request.method() == Method::GET;
@@ -40,7 +42,12 @@ pub async fn for_people(request: Request, next: Next) -> Response {
         redirect.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
         return redirect;
     }
-    page(&problem, &response)
+    if is_page { page(&problem, &response) } else { response }
+}
+
+/// Whether a browser opens what it asks for as a document of its own.
+fn is_opened(headers: &HeaderMap) -> bool {
+    headers.get("sec-fetch-dest").is_some_and(|place| place == "document")
 }
 
 fn accepts_html(headers: &HeaderMap) -> bool {
@@ -53,7 +60,7 @@ fn page(problem: &Problem, refused: &Response) -> Response {
     let mut response = frame.answer(html! {
         h1 { (problem.title) }
         p.lead { (sentence(&problem.detail)) "." }
-        p { a href=(link!("/")) { "Go to the stacks" } " · " a href=(link!("/sign-in")) { "Sign in with another token" } }
+        p { a href=(link!("/")) { "Go to the home page" } " · " a href=(link!("/sign-in")) { "Sign in with another token" } }
         p.soft { "Code: " code { (problem.code.name()) } }
     });
     *response.status_mut() = refused.status();

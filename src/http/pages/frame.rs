@@ -55,6 +55,8 @@ impl FromRequestParts<App> for PageUser {
 /// The places of the navigation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
+    /// The page that opens first.
+    Home,
     /// Stacks.
     Stacks,
     /// Sending.
@@ -116,7 +118,8 @@ impl Frame<'_> {
 
     fn navigation(&self, user: &PageUser) -> Markup {
         let places = [
-            (Place::Stacks, link!("/"), "Stacks", true),
+            (Place::Home, link!("/"), "Home", true),
+            (Place::Stacks, link!("/stacks"), "Stacks", true),
             (Place::Send, link!("/send"), "Send", user.stacks || user.profiles),
             (Place::Scans, link!("/scans"), "Scans", true),
             (Place::Profiles, link!("/profiles"), "Profiles", true),
@@ -147,15 +150,19 @@ impl Frame<'_> {
     }
 }
 
+/// The URL of a page with query parameters.
+pub fn address<'a>(place: &str, parameters: impl Iterator<Item = (&'a str, &'a str)>) -> String {
+    let query = parameters.map(|(name, value)| format!("{name}={}", utf8_percent_encode(value, NON_ALPHANUMERIC)));
+    let query = query.collect::<Vec<_>>().join("&");
+    if query.is_empty() { place.to_owned() } else { format!("{place}?{query}") }
+}
+
 /// The links below a list: to its first page, unless that is shown, and to the next one. `place` is the URL of the
 /// list, `filters` its query parameters.
 pub fn pager(place: &str, filters: &[(String, String)], is_first: bool, next: Option<&str>) -> Markup {
     let link = |cursor: Option<&str>| {
         let filters = filters.iter().map(|(name, value)| (name.as_str(), value.as_str()));
-        let all = filters.chain(cursor.map(|cursor| ("cursor", cursor)));
-        let query = all.map(|(name, value)| format!("{name}={}", utf8_percent_encode(value, NON_ALPHANUMERIC)));
-        let query = query.collect::<Vec<_>>().join("&");
-        if query.is_empty() { place.to_owned() } else { format!("{place}?{query}") }
+        address(place, filters.chain(cursor.map(|cursor| ("cursor", cursor))))
     };
     html! {
         div.pager {

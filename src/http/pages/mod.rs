@@ -5,6 +5,7 @@
 //! | [`routes`] | every page of the web interface |
 //! | [`frame`] | what the pages have in common: head, navigation, style sheet, content policy |
 //! | [`assets`] | style sheet, scripts and icon, embedded in the program |
+//! | [`ball`], [`model`] | views and models in three dimensions: what scripts draw, and their places |
 //! | [`errors`] | errors of pages as pages |
 //! | [`guide`] | the Markdown files of `docs/`, to read in the browser |
 //! | [`calibration_report`], [`pose_report`] | reports: single files that load nothing and can be mailed |
@@ -14,14 +15,18 @@
 //! the same checks apply. What changes something is a call of the API by a script of the page.
 
 pub mod assets;
+pub mod ball;
 pub mod calibration_report;
 pub mod errors;
 pub mod frame;
 pub mod guide;
+pub mod home;
 mod html;
+pub mod model;
 pub mod plan;
 pub mod pose_report;
 pub mod profiles;
+pub mod reconstruction;
 pub mod routes;
 pub mod scan;
 pub mod scans;

@@ -2,14 +2,15 @@
 
 use axum::{Router, routing::get};
 
-use super::{assets, guide, plan, profiles, scan, scans, send, sign_in, stack, stacks};
+use super::{assets, guide, home, plan, profiles, scan, scans, send, sign_in, stack, stacks};
 use crate::http::App;
 
 /// The routes.
 pub fn routes() -> Router<App> {
     Router::new()
         .route("/web/{version}/{file}", get(assets::get))
-        .route("/", get(stacks::list::list))
+        .route("/", get(home::page))
+        .route("/stacks", get(stacks::list::list))
         .route("/stacks/{id}", get(stack::page::page))
         .route("/stacks/{id}/tiles/{artifact}/{level}/{x}/{y}", get(stack::tiles::get))
         .route("/stacks/{id}/thumbnail", get(stacks::thumbnail::get))

@@ -7,12 +7,15 @@ use axum::{extract::State, http::Uri, response::Response};
 use maud::{Markup, html};
 
 use super::{
+    ball::{self, BallView, Mark},
     frame::{Frame, PageUser, Place, respond},
+    profiles::camera,
+    reconstruction,
     stacks::thumbnail,
-    words::{count, sentence, state, text},
+    words::{count, sentence, state, text, verdict},
 };
 use crate::{
-    contract::JobState,
+    contract::{JobState, Verdict},
     http::{
         ApiResult, App,
         auth::Caller,
@@ -32,7 +35,8 @@ struct Shown<'a> {
     thumbnail: Option<&'a str>,
 }
 
-/// The page, or its table alone for the script that follows it (`?part=views`).
+/// The page, or for the script that follows it one of its parts alone: the table (`?part=views`), or the
+/// reconstructions (`?part=reconstructions`).
 ///
 /// # Errors
 /// `scan_not_found`.
@@ -45,18 +49,30 @@ pub async fn page(
 ) -> ApiResult<Response> {
     let mut pairs = params::pairs(&uri)?;
     let scan = find(&app, &caller, &name).await?;
+    let part = params::take(&mut pairs, "part");
+    let latest = reconstruction::latest(&app, &caller, &name).await?;
+    let reconstructed = reconstruction::live(&latest, user.stacks);
+    if part.as_deref() == Some("reconstructions") {
+        return Ok(respond(reconstructed));
+    }
     let views = views(&app, &caller, &name).await?;
     let url = |view: &crate::http::scans::table::View| {
         let result = view.stack.result.as_ref()?;
         Some(thumbnail::url(view.stack.id, &result.image.as_ref()?.sha256))
     };
+    let has_camera =
+        views.iter().filter_map(|view| view.stack.result.as_ref()).all(|result| result.image_info.intrinsics.is_some());
+    let profile = app.store.metadata.profile(&scan.input.rig, &scan.input.lens, None).await?;
+    let has_results = views.iter().any(|view| view.stack.result.is_some());
+    let has_camera =
+        has_camera && (has_results || profile.as_ref().is_some_and(|of| of.input.principal_distance_px().is_some()));
     let thumbnails: Vec<Option<String>> = views.iter().map(url).collect();
     let scan = ScanWithViews::tabulated(scan, views).await?;
     let shown: Vec<Shown<'_>> =
         scan.views.iter().zip(&thumbnails).map(|(view, url)| Shown { view, thumbnail: url.as_deref() }).collect();
-    let live = live(&scan, &shown);
-    if params::take(&mut pairs, "part").is_some() {
-        return Ok(respond(live));
+    let (lead, live) = (lead(&scan), live(&scan, &shown));
+    if part.is_some() {
+        return Ok(respond(html! { (lead) (live) }));
     }
     let frame = Frame { title: name.as_str(), place: Place::Scans, user: Some(&user), script: Some("scan.js") };
     let input = &scan.scan.input;
@@ -78,17 +94,23 @@ pub async fn page(
                 }
             }
         }
+        @if profile.is_some() || has_results {
+            (camera::missing_in_results(profile.as_ref().map(|of| &of.input), has_camera, &input.rig, &input.lens, "“Fuse all again” gives it to every view"))
+        }
         p id="told" role="alert" {}
+        div id="lead" { (lead) }
+        (ball::section())
         div id="views" data-scan=(name) { (live) }
-        (files(&scan))
+        (reconstruction::section(&reconstructed, user.stacks, scan.summary.succeeded > 0, app.policy.reconstructs))
+        (reconstruction::model(&latest))
+        (files(&scan, has_camera))
         (poses())
     }))
 }
 
-/// What changes while views are fused.
-fn live(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
+/// The number of views by state, and what is conspicuous. The script puts it above the ball.
+fn lead(scan: &ScanWithViews) -> Markup {
     let summary = &scan.summary;
-    let busy = if summary.queued + summary.running > 0 { JobState::Running } else { JobState::Succeeded };
     let parts = [
         (summary.succeeded, "done"),
         (summary.running, "running"),
@@ -97,7 +119,7 @@ fn live(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
         (summary.replaced, "replaced by newer ones"),
     ];
     html! {
-        p.lead data-state=(busy.as_str()) {
+        p.lead {
             (count(summary.views as usize, "view", "views"))
             @if let Some(expected) = summary.expected { " of " (expected) " expected" }
             @for (number, words) in parts { @if number > 0 { " · " (number) " " (words) } }
@@ -105,6 +127,13 @@ fn live(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
         @if !scan.findings.is_empty() {
             ul.warnings { @for finding in &scan.findings { li { (sentence(&finding.detail)) } } }
         }
+    }
+}
+
+/// The views, which change while they are fused.
+fn live(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
+    html! {
+        (on_ball(scan, shown))
         @if shown.is_empty() {
             div.empty { p.lead { "This scan has no views yet." } }
         } @else {
@@ -117,6 +146,13 @@ fn live(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
 
 fn stack_page(view: &ScanView) -> String {
     link!("/stacks/{}", view.stack.rsplit('/').next().unwrap_or_default())
+}
+
+fn on_ball(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
+    let views = shown.iter().take(MOST).filter_map(|one| BallView::of(one.view, stack_page(one.view)));
+    let is_busy = scan.summary.queued + scan.summary.running > 0;
+    let state = if is_busy { JobState::Running } else { JobState::Succeeded };
+    ball::data(&views.chain(scan.missing.iter().map(BallView::missing)).collect::<Vec<_>>(), state)
 }
 
 fn thousandths(angle: f64) -> i64 {
@@ -146,19 +182,15 @@ fn grid(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
     let degrees = |angle: i64| format!("{}°", angle as f64 / 1000.0);
     html! {
         h2 { "Views by pan and tilt" }
-        div.grid tabindex="0" role="region" aria-label="Views by pan and tilt" {
-            table {
-                thead { tr { th scope="col" { "tilt \\ pan" } @for pan in &pans { th scope="col" { (degrees(*pan)) } } } }
-                tbody {
-                    @for tilt in tilts.iter().rev() {
-                        tr {
-                            th scope="row" { (degrees(*tilt)) }
-                            @for pan in &pans {
-                                td {
-                                    @if let Some(one) = at.get(&(*tilt, *pan)) { (cell(one)) }
-                                    @else if gaps.contains(&(*tilt, *pan)) { span.gap { "missing" } }
-                                }
-                            }
+        div.grid {
+            @for tilt in tilts.iter().rev() {
+                h3 { "Tilt " (degrees(*tilt)) }
+                ul.ring {
+                    // every ring has the same places, so that equal pans lie below one another
+                    @for pan in &pans {
+                        li {
+                            @if let Some(one) = at.get(&(*tilt, *pan)) { (cell(one)) small { (degrees(*pan)) } }
+                            @else if gaps.contains(&(*tilt, *pan)) { span.gap { "missing" } small { (degrees(*pan)) } }
                         }
                     }
                 }
@@ -169,27 +201,18 @@ fn grid(scan: &ScanWithViews, shown: &[Shown<'_>]) -> Markup {
 
 fn cell(one: &Shown<'_>) -> Markup {
     let view = one.view;
-    let is_lost = matches!(view.state, JobState::Failed | JobState::Cancelled);
-    let is_odd = !view.outliers.is_empty() || !view.findings.is_empty();
-    let class = if is_lost {
-        "view lost"
-    } else if is_odd {
-        "view odd"
-    } else {
-        "view"
-    };
-    let words = match view.state {
-        JobState::Queued => "waiting".to_owned(),
-        JobState::Running => format!("{:.0} %", 100.0 * view.progress),
-        JobState::Succeeded if is_odd => "differs or has warnings".to_owned(),
-        JobState::Succeeded => "done".to_owned(),
-        JobState::Failed => "failed".to_owned(),
-        JobState::Cancelled => "cancelled".to_owned(),
+    let words = ball::words(view);
+    let class = match (Mark::of(view), view.verdict) {
+        (_, Some(Verdict::DoNotUse)) => "view bad",
+        (Mark::Failed, _) => "view lost",
+        (Mark::Look, _) => "view odd",
+        (Mark::Done | Mark::Busy | Mark::Missing, _) => "view",
     };
     html! {
         a class=(class) href=(stack_page(view)) aria-label={ (view.name) ", " (words) } title={ (view.name) ", " (words) } {
             @if let Some(url) = one.thumbnail { img src=(url) alt="" loading="lazy" width="88" height="67"; } @else { (words) }
-            @if is_lost { b aria-hidden="true" { "✕" } } @else if is_odd { b aria-hidden="true" { "!" } }
+            @if matches!(view.state, JobState::Failed | JobState::Cancelled) { b aria-hidden="true" { "✕" } }
+            @else if let Some(found) = view.verdict.filter(|found| *found != Verdict::Use) { span.word aria-hidden="true" { (found.words()) } }
         }
     }
 }
@@ -199,28 +222,37 @@ fn table(shown: &[Shown<'_>]) -> Markup {
         value.map_or_else(|| "–".to_owned(), |value| format!("{value:.decimals$}"))
     };
     let percent = |value: Option<f64>| number(value.map(|share| 100.0 * share), 2);
+    let heads = ["Pan °", "Tilt °", "Sharpness", "Object %", "Residual px", "Out of focus %"];
+    let numbers = |view: &ScanView| {
+        let cells = [
+            number(view.pan_deg, 1),
+            number(view.tilt_deg, 1),
+            number(view.sharpness, 0),
+            percent(view.mask_area),
+            number(view.residual_px, 2),
+            percent(view.unfocused_fraction),
+        ];
+        heads.into_iter().zip(cells)
+    };
     html! {
         h2 { "Table of views" }
-        div.wide tabindex="0" role="region" aria-label="Table of views" {
+        div.wide.folding tabindex="0" role="region" aria-label="Table of views" {
             table {
                 thead { tr {
                     th.l scope="col" { "View" } th.l scope="col" { "State" }
-                    @for head in ["Pan °", "Tilt °", "Sharpness", "Object %", "Residual px", "Out of focus %"] { th scope="col" { (head) } }
+                    @for head in heads { th scope="col" { (head) } }
                     th.l scope="col" { "Remarks" }
                 } }
                 tbody {
                     @for Shown { view, .. } in shown.iter().take(MOST) {
                         tr {
                             td.l { a href=(stack_page(view)) { (text(&view.name)) } }
-                            td.l { (state(view.state)) @if view.state == JobState::Running { " " (format!("{:.0} %", 100.0 * view.progress)) } }
-                            td { (number(view.pan_deg, 1)) } td { (number(view.tilt_deg, 1)) }
-                            td { (number(view.sharpness, 0)) } td { (percent(view.mask_area)) }
-                            td { (number(view.residual_px, 2)) } td { (percent(view.unfocused_fraction)) }
                             td.l {
-                                @if let Some(error) = &view.error { div.bad { (sentence(&error.detail)) } }
-                                @for outlier in &view.outliers { div.warn { "! " (sentence(&outlier.detail)) } }
-                                @if !view.findings.is_empty() { div.soft { (view.findings.join(", ").replace('_', " ")) } }
+                                @match view.verdict { Some(found) => (verdict(found)), None => (state(view.state)) }
+                                @if view.state == JobState::Running { " " (format!("{:.0} %", 100.0 * view.progress)) }
                             }
+                            @for (head, value) in numbers(view) { td data-head=(head) { (value) } }
+                            td.l { (remarks(view)) }
                         }
                     }
                 }
@@ -229,7 +261,15 @@ fn table(shown: &[Shown<'_>]) -> Markup {
     }
 }
 
-fn files(scan: &ScanWithViews) -> Markup {
+fn remarks(view: &ScanView) -> Markup {
+    html! {
+        @if let Some(error) = &view.error { div.bad { (sentence(&error.detail)) } }
+        @for outlier in &view.outliers { div.warn { "! " (sentence(&outlier.detail)) } }
+        @if !view.findings.is_empty() { div.soft { (view.findings.join(", ").replace('_', " ")) } }
+    }
+}
+
+fn files(scan: &ScanWithViews, has_camera: bool) -> Markup {
     let named = |layout: Layout| match layout {
         Layout::Colmap => "COLMAP",
         Layout::Meshroom => "Meshroom",
@@ -245,6 +285,7 @@ fn files(scan: &ScanWithViews) -> Markup {
             h2 { "Files for a reconstruction program" }
             p.soft { "Images, masks named as the program wants them, intrinsics, poses and the commands." }
             @if scan.summary.succeeded > 0 {
+                @if !has_camera { p.error { "No camera: reconstruction must estimate the focal length. The bundles have no intrinsics." } }
                 @if waiting { p.told { "Some views have no result yet. The bundles leave them out." } }
                 div.buttons {
                     @for layout in Layout::ALL {

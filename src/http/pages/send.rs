@@ -4,7 +4,10 @@
 use axum::{extract::State, response::Response};
 use maud::{Markup, PreEscaped, html};
 
-use super::frame::{Frame, PageUser, Place};
+use super::{
+    frame::{Frame, PageUser, Place},
+    profiles::camera::{FIELDS, RADIUS, capture_mode},
+};
 use crate::{
     contract::{Code, Name},
     http::{ApiError, ApiResult, App, auth::Caller},
@@ -33,20 +36,22 @@ pub async fn page(State(app): State<App>, caller: Caller, user: PageUser) -> Api
     Ok(frame.answer(html! {
         h1 { "Send pictures" }
         form id="send" {
+            div.drop id="drop" {
+                p.lead { "Drop a zip or a folder here" }
+                p.soft { "Or pictures: JPEG, PNG or TIFF. Folders " code { "front" } " and " code { "back" }
+                    " hold the pictures of each light. You see what will be done with them before anything is sent." }
+                div.buttons {
+                    input id="folder" type="file" multiple webkitdirectory hidden aria-label="Folder";
+                    input id="file" type="file" multiple accept=".zip,.jpg,.jpeg,.png,.tif,.tiff,application/zip" hidden aria-label="Zip or pictures";
+                    button type="button" id="pick-folder" { "Choose a folder" }
+                    button type="button" id="pick-file" { "Choose a zip or pictures" }
+                }
+            }
+            p.unseen id="summary" role="status" {}
+            div id="chosen" {}
             (purpose(&user))
             (camera(&keys))
             (view(&scans))
-            div.drop id="drop" {
-                p.lead { "Drop a zip or a folder here" }
-                p.soft { "Folders " code { "front" } " and " code { "back" } " hold the pictures of each light. JPEG, PNG or TIFF." }
-                div.buttons {
-                    input id="folder" type="file" multiple webkitdirectory hidden;
-                    input id="file" type="file" accept=".zip,application/zip" hidden;
-                    button type="button" id="pick-folder" { "Choose a folder" }
-                    button type="button" id="pick-file" { "Choose a zip" }
-                }
-            }
-            div id="chosen" {}
             p id="told" role="alert" {}
             div.buttons { button.main type="submit" id="go" disabled { "Send" } }
         }
@@ -87,7 +92,7 @@ fn camera(keys: &[(Name, Name)]) -> Markup {
     let only = |names: &[&str]| (names.len() == 1).then(|| names[0].to_owned());
     html! {
         fieldset {
-            legend { "Camera" }
+            legend { "Rig and lens" }
             div.fields {
                 div {
                     label for="rig" { "Rig" }
@@ -99,24 +104,22 @@ fn camera(keys: &[(Name, Name)]) -> Markup {
                     input id="lens" name="lens" list="lenses" required autocomplete="off" spellcheck="false" value=[only(&lenses)];
                     datalist id="lenses" { @for lens in &lenses { option value=(lens) {} } }
                 }
-                @for (name, label, purposes) in CALIBRATION {
-                    div.short data-for=(purposes) hidden {
-                        label for=(name) { (label) }
-                        input id=(name) name=(name) autocomplete="off";
-                    }
-                }
             }
             p.hint data-for="calibration" hidden {
-                "All may stay empty. With pitches and rail step (towards the object) a rail that moves the camera measures \
-                 the principal distance. If it moves the sensor or the lens alone, take one more picture at the reference \
-                 slice, with the target nearer to the lens: put it into a folder " code { "moved" } " beside the slices (or \
-                 give the id of a calibration with the target nearer), and say by how much it was nearer."
+                "All may stay empty, but without them the profile has no camera, and reconstruction must estimate the focal \
+                 length. With the dot pitch, the pixels and the rail step, a rail that moves the camera measures it. If the \
+                 rail moves the sensor or the lens alone, take one more picture at the reference slice, with the target \
+                 nearer to the lens, and put it into a folder " code { "moved" } " beside the slices."
             }
             p.hint data-for="no_target" hidden {
                 "Choose a stack, or a folder with the stacks of several views, that this camera took at one setting and at the \
                  same rail positions. The slices are aligned by what they show, so the objects need fine detail up to the \
-                 corners; several views measure better than one. Pixel pitch and rail step (towards the object) may stay \
-                 empty. The result is less certain than that of a dot target, and its report says by how much."
+                 corners; several views measure better than one. The numbers may stay empty. The result is less certain than \
+                 that of a dot target, and its report says by how much."
+            }
+            div.measures data-for="calibration no_target" hidden {
+                @for field in &FIELDS { (field.input(true)) }
+                (capture_mode(Some("calibration no_target")))
             }
             figure.moved data-for="calibration" hidden { (PreEscaped(MOVED)) }
         }
@@ -134,16 +137,6 @@ const MOVED: &str = concat!(
     "<text x=\"306\" y=\"16\">nearer by</text></svg>"
 );
 
-/// The options of a calibration that the form has: name, label, and the purposes that have it.
-const CALIBRATION: [(&str, &str, &str); 6] = [
-    ("target_pitch_mm", "Dot pitch, mm", "calibration"),
-    ("pixel_pitch_mm", "Pixel pitch, mm", "calibration no_target"),
-    ("rail_step_mm", "Rail step, mm", "calibration no_target"),
-    ("pupil_ratio", "Pupil ratio", "calibration"),
-    ("target_advance_mm", "Target nearer by, mm", "calibration"),
-    ("moved_target", "Calibration with it nearer", "calibration"),
-];
-
 fn view(scans: &[(Name, Name, Name)]) -> Markup {
     html! {
         fieldset data-for="stack scan" {
@@ -157,6 +150,7 @@ fn view(scans: &[(Name, Name, Name)]) -> Markup {
                     }
                     span.hint id="scan-hint" { "A new name makes a new scan." }
                 }
+                (RADIUS.input(true))
                 div data-for="stack" { label for="label" { "Label" } input id="label" name="label" autocomplete="off"; span.hint { "Optional" } }
                 div.short data-for="stack" { label for="pan_deg" { "Pan, °" } input id="pan_deg" name="pan_deg" inputmode="decimal" autocomplete="off"; span.hint { "Optional" } }
                 div.short data-for="stack" { label for="tilt_deg" { "Tilt, °" } input id="tilt_deg" name="tilt_deg" inputmode="decimal" autocomplete="off"; span.hint { "Optional" } }

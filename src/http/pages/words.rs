@@ -6,7 +6,10 @@ use jiff::Timestamp;
 use maud::{Markup, PreEscaped, html};
 
 use super::html::escape;
-use crate::contract::JobState;
+use crate::{
+    contract::{JobState, Verdict, verdict::Explanation},
+    store::search::FoundStacks,
+};
 
 /// Text that a client chose. Control and bidirectional characters become visible replacement characters.
 pub fn text(text: &str) -> PreEscaped<String> {
@@ -31,10 +34,12 @@ pub fn bytes(bytes: u64) -> String {
     format!("{value:.decimals$} {}", UNITS[unit])
 }
 
-/// A duration, such as `85 s`, `12 min` or `3 h 5 min`.
+/// A duration, such as `0.4 s`, `85 s`, `12 min` or `3 h 5 min`.
 pub fn duration(time: Duration) -> String {
-    let seconds = time.as_secs_f64().round() as u64;
+    let exact = time.as_secs_f64();
+    let seconds = exact.round() as u64;
     match seconds {
+        _ if exact < 0.95 => format!("{:.1} s", exact.max(0.1)),
         0..=99 => format!("{seconds} s"),
         100..=5_999 => format!("{} min", (seconds + 30) / 60),
         6_000..=359_999 => format!("{} h {} min", seconds / 3600, seconds % 3600 / 60),
@@ -67,12 +72,41 @@ pub fn state(state: JobState) -> Markup {
         JobState::Failed => ("poor", "✕", "Failed"),
         JobState::Cancelled => ("soft", "–", "Cancelled"),
     };
-    html! { span class={ "state " (class) } { span aria-hidden="true" { (sign) } " " (word) } }
+    marked(class, sign, word)
+}
+
+/// A verdict in words and a sign; the colour only repeats it.
+pub fn verdict(verdict: Verdict) -> Markup {
+    let (class, sign) = match verdict {
+        Verdict::Use => ("good", "✓"),
+        Verdict::Look => ("usable", "!"),
+        Verdict::DoNotUse => ("poor", "✕"),
+    };
+    marked(class, sign, verdict.words())
+}
+
+fn marked(class: &str, sign: &str, words: &str) -> Markup {
+    html! { span class={ "state " (class) } { span aria-hidden="true" { (sign) } " " (words) } }
+}
+
+/// What a finding says at first sight: the phrase, in the colour of its verdict.
+pub fn phrase(explanation: &Explanation) -> Markup {
+    let class = match explanation.verdict {
+        Verdict::Use => "soft",
+        Verdict::Look => "warn",
+        Verdict::DoNotUse => "bad",
+    };
+    html! { span class=(class) { (explanation.title) } }
 }
 
 /// A number with its word in singular or plural.
 pub fn count(number: usize, one: &str, many: &str) -> String {
     format!("{number} {}", if number == 1 { one } else { many })
+}
+
+/// A number of stacks that are counted up to a limit.
+pub fn up_to(number: u64) -> String {
+    if number == FoundStacks::MOST { "10,000 or more".to_owned() } else { number.to_string() }
 }
 
 /// `1st`, `2nd`, `3rd`, `4th`.
@@ -98,6 +132,7 @@ mod tests {
             ["0 bytes", "999 bytes", "1.7 GB", "1.0 MB"]
         );
         let of = |seconds| duration(Duration::from_secs(seconds));
+        assert_eq!([0, 40, 449, 950].map(|ms| duration(Duration::from_millis(ms))), ["0.1 s", "0.1 s", "0.4 s", "1 s"]);
         assert_eq!([of(5), of(125), of(7_300), of(400_000)], ["5 s", "2 min", "2 h 1 min", "5 days"]);
         assert_eq!(
             [1, 2, 3, 4, 11, 12, 21, 112].map(ordinal),

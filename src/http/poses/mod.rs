@@ -238,7 +238,7 @@ fn invalid(detail: &str) -> ApiError {
 }
 
 /// The report in the format that was asked for.
-fn written(report: &PoseReport, format: ReportFormat) -> Response {
+pub fn written(report: &PoseReport, format: ReportFormat) -> Response {
     let text = |kind: &'static str, text: String| {
         ([(header::CONTENT_TYPE, HeaderValue::from_static(kind))], text).into_response()
     };

@@ -1,5 +1,6 @@
 //! Calibration profiles: one endpoint per file.
 
+pub mod camera;
 pub mod delete;
 pub mod drift;
 pub mod export;

@@ -129,14 +129,20 @@ pub async fn zip_of(app: &App, caller: &Caller, name: &Name, layout: Layout, par
 }
 
 /// A view with a result.
-struct Ready<'a> {
-    view: &'a View,
-    result: &'a ViewResult,
-    image: &'a Artifact,
+pub struct Ready<'a> {
+    /// The view.
+    pub view: &'a View,
+    /// Its results.
+    pub result: &'a ViewResult,
+    /// Its fused image.
+    pub image: &'a Artifact,
 }
 
 /// The views with results.
-fn ready<'a>(name: &Name, views: &'a [View], partial: bool) -> ApiResult<Vec<Ready<'a>>> {
+///
+/// # Errors
+/// `not_finished` when others have none, unless `partial`; `not_found` when no view has one.
+pub fn ready<'a>(name: &Name, views: &'a [View], partial: bool) -> ApiResult<Vec<Ready<'a>>> {
     let (mut ready, mut waiting, mut failed) = (Vec::new(), Vec::new(), Vec::new());
     for view in views {
         match (&view.stack.result, view.stack.state) {
@@ -171,7 +177,10 @@ fn ready<'a>(name: &Name, views: &'a [View], partial: bool) -> ApiResult<Vec<Rea
 }
 
 /// All images of a bundle are of one camera: one size, crop, profile, and so one set of intrinsics.
-fn require_one_camera(scan: &Name, ready: &[Ready<'_>]) -> ApiResult<()> {
+///
+/// # Errors
+/// `scan_mismatch` that names the others.
+pub fn require_one_camera(scan: &Name, ready: &[Ready<'_>]) -> ApiResult<()> {
     let cameras: Vec<ViewCamera<'_>> = ready.iter().map(|ready| ViewCamera::of(ready.view, ready.result)).collect();
     let Some(usual) = most_common(cameras.iter().copied()) else { return Ok(()) };
     let others: Vec<String> = ready
@@ -192,7 +201,8 @@ fn require_one_camera(scan: &Name, ready: &[Ready<'_>]) -> ApiResult<()> {
     Err(ApiError::new(Code::ScanMismatch, detail))
 }
 
-fn described(scan: &Scan, ready: &[Ready<'_>]) -> BundleScan {
+/// The scan as bundles are made from it.
+pub fn described(scan: &Scan, ready: &[Ready<'_>]) -> BundleScan {
     let first = ready.first().map(|ready| &ready.result.image_info);
     let canvas = ready.first().map_or([1, 1], |ready| ready.view.stack.slice_size);
     let offset = first.map_or([0, 0], |info| info.crop_offset_px);

@@ -7,8 +7,9 @@ use axum::{
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::{ScanName, find, has_stacks, not_found, table::stacks_of};
+use super::{ScanName, find, has_stacks, not_found, table::jobs_of};
 use crate::{
+    contract::JobKind,
     http::{
         ApiResult, App,
         auth::Caller,
@@ -39,7 +40,7 @@ struct Query {
 /// Delete a scan
 ///
 /// A scan with stacks is deleted only with `stacks=delete`, which deletes their uploads and results too. Running stacks
-/// are cancelled.
+/// are cancelled. The reconstructions of the scan are deleted with it.
 #[utoipa::path(
     delete,
     path = "/v1/scans/{scan}",
@@ -69,12 +70,19 @@ pub async fn delete(
     find(&app, &caller, name).await?;
     let condition = scan.precondition(&app).await?;
     if stacks == StacksOfScan::Delete {
-        for id in stacks_of(&app, &caller, name).await? {
-            job_resource::delete_stack_of_scan(&app, id).await?;
+        for id in jobs_of(&app, &caller, name, JobKind::Stack).await? {
+            job_resource::delete_job_of_scan(&app, id, JobKind::Stack).await?;
         }
     }
+    // they are of no use without the scan
+    let reconstructions = jobs_of(&app, &caller, name, JobKind::Reconstruction).await?;
     match app.store.metadata.delete_scan(name, condition).await? {
-        DeleteScan::Deleted => Ok(StatusCode::NO_CONTENT),
+        DeleteScan::Deleted => {
+            for id in reconstructions {
+                job_resource::delete_job_of_scan(&app, id, JobKind::Reconstruction).await?;
+            }
+            Ok(StatusCode::NO_CONTENT)
+        }
         DeleteScan::NotFound => Err(not_found(&app, &caller, name).await),
         DeleteScan::PreconditionFailed(current) => Err(scan.failed(current)),
         DeleteScan::HasStacks(stacks) => Err(has_stacks(name, stacks, "it cannot be deleted")),

@@ -186,17 +186,18 @@ impl ViewStack {
 /// When the store cannot be read.
 pub async fn views(app: &App, caller: &Caller, scan: &Name) -> ApiResult<Vec<View>> {
     let mut stacks = Vec::new();
-    each_page(app, caller, scan, |page| stacks.extend(page.items.into_iter().filter_map(ViewStack::of))).await?;
+    let filter = of_scan(app, caller, scan, JobKind::Stack);
+    each_page(app, filter, |page| stacks.extend(page.items.into_iter().filter_map(ViewStack::of))).await?;
     Ok(by_view(stacks))
 }
 
-/// The ids of all stacks of a scan, also of those whose rows cannot be read.
+/// The ids of all stacks or reconstructions of a scan, also of those whose rows cannot be read.
 ///
 /// # Errors
 /// When the store cannot be read.
-pub async fn stacks_of(app: &App, caller: &Caller, scan: &Name) -> ApiResult<Vec<Uuid>> {
+pub async fn jobs_of(app: &App, caller: &Caller, scan: &Name, kind: JobKind) -> ApiResult<Vec<Uuid>> {
     let mut ids = Vec::new();
-    each_page(app, caller, scan, |page| {
+    each_page(app, of_scan(app, caller, scan, kind), |page| {
         ids.extend(page.items.iter().map(|job| job.id));
         ids.extend(page.skipped.iter().filter_map(|skipped| Uuid::try_parse(&skipped.id).ok()));
     })
@@ -204,13 +205,12 @@ pub async fn stacks_of(app: &App, caller: &Caller, scan: &Name) -> ApiResult<Vec
     Ok(ids)
 }
 
-async fn each_page(app: &App, caller: &Caller, scan: &Name, mut take: impl FnMut(Page<Job>)) -> ApiResult<()> {
-    let filter = JobFilter {
-        kind: Some(JobKind::Stack),
-        scan: Some(scan.clone()),
-        owner: caller.sees_only(app),
-        ..JobFilter::default()
-    };
+/// The stacks or reconstructions of a scan that the caller may see.
+fn of_scan(app: &App, caller: &Caller, scan: &Name, kind: JobKind) -> JobFilter {
+    JobFilter { kind: Some(kind), scan: Some(scan.clone()), owner: caller.sees_only(app), ..JobFilter::default() }
+}
+
+async fn each_page(app: &App, filter: JobFilter, mut take: impl FnMut(Page<Job>)) -> ApiResult<()> {
     let mut request = PageRequest { limit: PAGE, cursor: None };
     let mut read = 0;
     while read < MAX_STACKS {

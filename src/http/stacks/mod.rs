@@ -6,4 +6,5 @@ pub mod create;
 pub mod lights;
 pub mod metrics;
 pub mod rerun;
+pub mod totals;
 pub mod upload;

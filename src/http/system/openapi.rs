@@ -49,6 +49,7 @@ use pinstack_science::types::error::ErrorLocation;
         (name = "calibrations", description = "Profiles measured from a dot-target stack"),
         (name = "stacks", description = "Focus stacks: upload, fusion, results"),
         (name = "scans", description = "Many views of one object: table, upload in one zip, bundles for reconstruction programs"),
+        (name = "reconstructions", description = "Scans reconstructed by COLMAP: cameras, points, findings"),
         (name = "optics", description = "Planning a capture, and printable dot targets"),
         (name = "uploads", description = "Resumable uploads of stacks, dot targets and scans: tus 1.0.0"),
         (name = "service", description = "Health, limits, metrics and documentation of the service"),
@@ -164,7 +165,7 @@ fn uploads_by_put(document: &mut Value) {
         document["paths"][path]["put"] = by_put;
     }
     // optional bodies: the first bytes of a new upload, the changed options of a rerun
-    for path in ["/v1/uploads", "/v1/stacks/{id}/rerun", "/v1/scans/{scan}/rerun"] {
+    for path in ["/v1/uploads", "/v1/stacks/{id}/rerun", "/v1/scans/{scan}/rerun", "/v1/scans/{scan}/reconstructions"] {
         document["paths"][path]["post"]["requestBody"]["required"] = json!(false);
     }
 }

@@ -44,7 +44,7 @@ pub fn complete(document: &mut Value) {
     schemas.insert("StackOptions".into(), shown);
     if let Some(name) = schemas.get_mut("ArtifactView").and_then(|view| view.pointer_mut("/properties/name")) {
         let names = StackArtifact::ALL.map(|artifact| format!("`{}`", artifact.name())).join(", ");
-        name["description"] = format!("{names}, `lights/{{name}}`, or `overlay-{{slice}}`.").into();
+        name["description"] = format!("{names}, `lights/{{name}}`, `overlay-{{slice}}`, or of a reconstruction `points`, `cameras`, `model`, `poses` or `log`.").into();
     }
     let form = schemas.get_mut("StackForm").and_then(|form| form.pointer_mut("/properties/options"));
     if let Some(options) = form {

@@ -1,4 +1,4 @@
-//! What stacks and calibrations have in common, as the API shows it.
+//! What stacks, calibrations and reconstructions have in common, as the API shows it.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ use crate::{
 };
 use pinstack_science::types::Warning;
 
-/// State and progress of a stack or a calibration.
+/// State and progress of a stack, a calibration or a reconstruction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobView {
     /// UUIDv7.
@@ -43,11 +43,12 @@ pub struct JobView {
     pub error: Option<Problem>,
     /// Problems that did not stop the job.
     pub warnings: Vec<Warning>,
-    /// The zip as it was sent.
+    /// The zip as it was sent; of a reconstruction, all pictures that it reads.
     pub upload: UploadView,
 }
 
-/// The zip as it was sent.
+/// The zip as it was sent. Of a reconstruction, size and digest of all pictures that it reads: equal for equal
+/// pictures.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct UploadView {
     /// Size, bytes.
@@ -66,11 +67,12 @@ pub struct UploadView {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ArtifactView {
     // in the OpenAPI document, `system/schemas.rs` lists the names in place of this sentence
-    /// The name of a [`StackArtifact`](crate::contract::artifact::StackArtifact), `lights/{name}` or `overlay-{slice}`.
+    /// The name of a [`StackArtifact`](crate::contract::artifact::StackArtifact), `lights/{name}`, `overlay-{slice}`,
+    /// or the name of a file of a reconstruction.
     pub name: String,
     /// URL of the file.
     pub href: String,
-    /// `image/png`, `image/tiff` or `image/jpeg`.
+    /// `image/png`, `image/tiff` or `image/jpeg`; others of a reconstruction.
     pub media_type: String,
     /// Size, bytes.
     pub bytes: u64,
@@ -123,6 +125,7 @@ pub fn url_of(kind: JobKind, id: Uuid) -> String {
     match kind {
         JobKind::Stack => link!("/v1/stacks/{id}"),
         JobKind::Calibration => link!("/v1/calibrations/{id}"),
+        JobKind::Reconstruction => link!("/v1/reconstructions/{id}"),
     }
 }
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Calibration, Stack};
+use super::{Calibration, Reconstruction, Stack};
 use crate::{
     contract::{ProfileSummary, Scan, request::JobRequest},
     store::{Job, Page, Skipped},
@@ -49,18 +49,29 @@ lists! {
     CalibrationList: Calibration from Job by calibration,
     /// Calibrations that cannot be read and are omitted from `items`; absent when there are none.
     ;
+    /// A page of reconstructions, newest first.
+    ReconstructionList: Reconstruction from Job by reconstruction,
+    /// Reconstructions that cannot be read and are omitted from `items`; absent when there are none.
+    ;
 }
 
 fn stack(job: Job) -> Option<Stack> {
     match &job.request {
         JobRequest::Stack(request) => Some(Stack::of(&job, request)),
-        JobRequest::Calibration(_) => None,
+        JobRequest::Calibration(_) | JobRequest::Reconstruction(_) => None,
     }
 }
 
 fn calibration(job: Job) -> Option<Calibration> {
     match &job.request {
         JobRequest::Calibration(request) => Some(Calibration::of(&job, request)),
-        JobRequest::Stack(_) => None,
+        JobRequest::Stack(_) | JobRequest::Reconstruction(_) => None,
+    }
+}
+
+fn reconstruction(job: Job) -> Option<Reconstruction> {
+    match &job.request {
+        JobRequest::Reconstruction(request) => Some(Reconstruction::of(&job, request)),
+        JobRequest::Stack(_) | JobRequest::Calibration(_) => None,
     }
 }

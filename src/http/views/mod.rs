@@ -1,8 +1,10 @@
 //! What responses show: rows without what is internal to the service (blob keys, leases).
 
+pub mod advice;
 pub mod calibration;
 pub mod job;
 pub mod list;
+pub mod reconstruction;
 pub mod scan;
 pub mod scan_archive;
 pub mod stack;
@@ -10,7 +12,8 @@ pub mod stack;
 use serde::Serialize;
 
 pub use calibration::Calibration;
-pub use list::{CalibrationList, ProfileList, ScanList, StackList};
+pub use list::{CalibrationList, ProfileList, ReconstructionList, ScanList, StackList};
+pub use reconstruction::Reconstruction;
 pub use scan::ScanWithViews;
 pub use stack::Stack;
 
@@ -24,6 +27,8 @@ pub enum JobDocument {
     Stack(Box<Stack>),
     /// A calibration.
     Calibration(Box<Calibration>),
+    /// A reconstruction.
+    Reconstruction(Box<Reconstruction>),
 }
 
 impl JobDocument {
@@ -32,6 +37,7 @@ impl JobDocument {
         match &job.request {
             JobRequest::Stack(request) => Self::Stack(Box::new(Stack::of(job, request))),
             JobRequest::Calibration(request) => Self::Calibration(Box::new(Calibration::of(job, request))),
+            JobRequest::Reconstruction(request) => Self::Reconstruction(Box::new(Reconstruction::of(job, request))),
         }
     }
 }

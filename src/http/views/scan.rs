@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 use self::findings::findings;
 use super::job::url_of;
 use crate::{
-    contract::{JobKind, JobState, Problem, Scan},
+    contract::{JobKind, JobState, Problem, Scan, Verdict, verdict},
     http::{
         ApiResult, background, problem,
         scans::{
@@ -80,6 +80,8 @@ pub struct ScanView {
     pub stack: String,
     /// Its state.
     pub state: JobState,
+    /// The verdict on it; a view that differs from its neighbours is to be looked at. Null until it has succeeded.
+    pub verdict: Option<Verdict>,
     /// Completed fraction of it, 0 to 1.
     pub progress: f64,
     /// Why it failed; null unless `state` is `failed`.
@@ -198,7 +200,10 @@ fn row(view: &View, outliers: Vec<ViewOutlier>) -> ScanView {
         serious.map(|finding| finding.code.to_string()).collect()
     });
     let stack = url_of(JobKind::Stack, view.stack.id);
+    let least = if outliers.is_empty() { Verdict::Use } else { Verdict::Look };
+    let is_fused = *state == JobState::Succeeded;
     ScanView {
+        verdict: is_fused.then(|| verdict::verdict(&view.stack.warnings).max(least)),
         name: view.stem.clone(),
         label: label.clone(),
         pan_deg: *pan_deg,

@@ -6,9 +6,13 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::job::{ArtifactView, JobView, profile_url, url};
+use super::{
+    advice::{Advice, advice},
+    job::{ArtifactView, JobView, profile_url, url},
+};
 use crate::{
     contract::{
+        Verdict,
         artifact::{StackArtifact, light_of, stack_artifacts},
         options::StackOptions,
         outcome::{Artifact, HeightInfo, ImageInfo, JobOutcome, StackOutcome},
@@ -24,6 +28,11 @@ pub struct Stack {
     /// State and progress of the job.
     #[serde(flatten)]
     pub job: JobView,
+    /// The verdict on the result: `use`, `look` (at it, before it is used) or `do_not_use`; null until the stack has
+    /// succeeded.
+    pub verdict: Option<Verdict>,
+    /// What was found, the worst first, with what to do.
+    pub advice: Vec<Advice>,
     /// Revision of the profile in use, fixed when the stack was accepted.
     pub profile_revision: u32,
     /// SHA-256 of the geometry and gains of that revision, hex.
@@ -121,6 +130,8 @@ impl Stack {
             .unwrap_or_default();
         Self {
             job: JobView::of(job),
+            verdict: job.verdict(),
+            advice: advice(job, request),
             profile_revision: request.profile_revision,
             profile_digest: request.profile_digest.clone(),
             profile_optics_digest: request.profile_optics_digest.clone(),

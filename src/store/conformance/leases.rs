@@ -203,7 +203,7 @@ pub async fn a_lease_expires_by_its_own_length(store: Fresh) {
     let metadata = &*store.metadata;
     accept(metadata, &stack()).await;
     let long = LEASE * 100;
-    let claimed = metadata.claim(long, ATTEMPTS).await.unwrap().unwrap();
+    let claimed = metadata.claim(long, ATTEMPTS, None).await.unwrap().unwrap();
     store.clock.advance(LEASE * 50);
     assert_eq!(claim(metadata).await, None, "it is held for a hundred times as long");
     metadata.heartbeat(claimed.id, claimed.lease_token, long, &progress(1)).await.unwrap();

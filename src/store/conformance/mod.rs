@@ -30,6 +30,7 @@ pub mod memory;
 pub mod parts;
 pub mod profiles;
 pub mod scans;
+pub mod search;
 mod suites;
 pub mod tokens;
 pub mod totals;
@@ -167,7 +168,7 @@ pub async fn accept(metadata: &dyn MetadataStore, job: &NewJob) -> Job {
 }
 
 pub async fn claim(metadata: &dyn MetadataStore) -> Option<Job> {
-    metadata.claim(LEASE, ATTEMPTS).await.expect("claim")
+    metadata.claim(LEASE, ATTEMPTS, None).await.expect("claim")
 }
 
 /// Claims a job whose worker has sent no heartbeat for a whole lease, in a process that has not observed the lease

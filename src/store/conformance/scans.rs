@@ -4,7 +4,7 @@ use uuid::Uuid;
 
 use super::*;
 use crate::{
-    contract::{ScanInput, UploadPurpose},
+    contract::{JobKind, JobState, ScanInput, UploadPurpose, reconstruction::ReconstructionRequest},
     store::{
         EnqueueAll,
         scans::{DeleteScan, PutScan, ScanFilter},
@@ -91,6 +91,42 @@ pub async fn a_scan_with_stacks_keeps_its_camera_and_is_not_deleted(store: Fresh
     assert_eq!(stale, DeleteScan::PreconditionFailed(Some(2)));
     assert_eq!(metadata.delete_scan(&bee, Precondition::Any).await.unwrap(), DeleteScan::Deleted);
     assert_eq!(metadata.scan(&bee).await.unwrap(), None);
+}
+
+fn reconstruction(scan: &str) -> NewJob {
+    let request = ReconstructionRequest {
+        scan: name(scan),
+        options: Default::default(),
+        upload: Upload { key: String::new(), ..upload() },
+        expected: 1,
+        image_size_px: [64, 48],
+        intrinsics: None,
+        canvas_centre_px: [31.5, 23.5],
+        radius_mm: None,
+        pan_is_clockwise: false,
+        views: vec![],
+    };
+    NewJob { request: JobRequest::Reconstruction(request), ..stack() }
+}
+
+pub async fn a_reconstruction_is_left_to_workers_that_can_run_it_and_keeps_no_scan(store: Fresh) {
+    let metadata = &*store.metadata;
+    let bee = name("bee");
+    assert_eq!(metadata.enqueue(&reconstruction("bee"), 1000).await.unwrap(), Enqueue::NoSuchScan(bee.clone()));
+    with_scan(metadata, "bee").await;
+    let waiting = accept(metadata, &reconstruction("bee")).await;
+    assert_eq!(metadata.blob_keys(waiting.id).await.unwrap(), Vec::<String>::new(), "its pictures are those of stacks");
+    let later = accept(metadata, &stack()).await;
+    let without = async || metadata.claim(LEASE, ATTEMPTS, Some(JobKind::Reconstruction)).await.unwrap();
+    assert_eq!(without().await.map(|job| job.id), Some(later.id), "a later job passes it");
+    assert_eq!(without().await, None);
+    assert_eq!(claim(metadata).await.map(|job| job.id), Some(waiting.id));
+    assert_eq!(claim(metadata).await, None, "both are held");
+    store.clock.advance(LEASE);
+    let lost = [without().await, without().await].map(|job| job.map(|job| job.id));
+    assert_eq!(lost, [Some(later.id), None], "nor is it taken from a dead worker");
+    assert_eq!(job(metadata, waiting.id).await.state, JobState::Running);
+    assert_eq!(metadata.delete_scan(&bee, Precondition::Any).await.unwrap(), DeleteScan::Deleted);
 }
 
 pub async fn several_jobs_are_accepted_together_or_not_at_all(store: Fresh) {

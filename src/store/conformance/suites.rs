@@ -36,11 +36,15 @@ macro_rules! metadata_conformance {
                 a_page_ends_at_its_size_limit,
                 the_versions_of_several_jobs_are_read_at_once,
                 a_result_that_could_not_be_read_again_fails_the_job;
+            search:
+                jobs_are_found_by_words_names_times_and_how_they_ended,
+                another_version_of_the_index_is_made_anew;
             scans:
                 a_scan_comes_back_as_it_was_put_and_counts_its_versions,
                 scans_are_listed_newest_first_filtered_and_by_owner,
                 a_stack_joins_only_a_scan_of_its_rig_and_lens,
                 a_scan_with_stacks_keeps_its_camera_and_is_not_deleted,
+                a_reconstruction_is_left_to_workers_that_can_run_it_and_keeps_no_scan,
                 several_jobs_are_accepted_together_or_not_at_all,
                 an_upload_becomes_the_stacks_of_a_scan_once;
             uploads:

@@ -12,7 +12,7 @@ use super::{
     engine::{PostgresMetadata, Wall},
     notifications::Notifications,
     options::DatabaseUrl,
-    sql::totals::totals,
+    sql::{search::refresh, totals::totals},
 };
 use crate::store::{
     Clock, MetadataStore, StoreError, StoreResult, SystemClock, Totals,
@@ -28,6 +28,8 @@ const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(10);
 pub(in crate::store) const SCHEMA: Schema = Schema(&[
     (5, "rows", include_str!("schema/0005_rows.sql")),
     (6, "service", include_str!("schema/0006_service.sql")),
+    (7, "reconstructions", include_str!("schema/0007_reconstructions.sql")),
+    (8, "search", include_str!("schema/0008_search.sql")),
 ]);
 
 impl PostgresMetadata {
@@ -63,7 +65,9 @@ impl PostgresMetadata {
         let listeners = Listeners::default();
         let notifications = Notifications::start(&pool, listeners.clone()).await?;
         let (observer, last_seen) = Default::default();
-        Ok(Self { pool, wall, clock, observer, last_seen, listeners, notifications })
+        let store = Self { pool, wall, clock, observer, last_seen, listeners, notifications };
+        refresh(&store).await?;
+        Ok(store)
     }
 }
 

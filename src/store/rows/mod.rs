@@ -136,7 +136,7 @@ pub(in crate::store) fn unsigned(number: i64) -> u64 {
 pub(in crate::store) fn keep_ms(request: &JobRequest) -> Option<i64> {
     match request {
         JobRequest::Stack(stack) => stack.options.keep_days.map(|days| i64::from(days) * MS_PER_DAY),
-        JobRequest::Calibration(_) => None,
+        JobRequest::Calibration(_) | JobRequest::Reconstruction(_) => None,
     }
 }
 

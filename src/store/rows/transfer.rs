@@ -56,7 +56,7 @@ macro_rules! tables {
 }
 
 /// Every table, those first to which others refer.
-pub(in crate::store) const TABLES: [Table; 10] = tables! {
+pub(in crate::store) const TABLES: [Table; 12] = tables! {
     profiles { rig Text, lens Text, last_revision Integer, current_revision Integer }
     revisions numbered { seq Integer, rig Text, lens Text, revision Integer, body Text, deleted_at Integer }
     revision_heads { seq Integer, head Text }
@@ -69,6 +69,8 @@ pub(in crate::store) const TABLES: [Table; 10] = tables! {
         result_bytes Integer, upload_removed Flag, background Integer, share Text, turn Integer, turn_end Integer,
         trace Text,
     }
+    search_terms { term Text, seq Integer }
+    search_index { version Integer }
     scans numbered {
         seq Integer, name Text, rig Text, lens Text, body Text, version Integer, owner Id, created_at Integer,
         updated_at Integer,
@@ -86,7 +88,7 @@ pub(in crate::store) const TABLES: [Table; 10] = tables! {
 };
 
 /// Those of them that have rows in a new database too: a copy replaces these rows.
-const OF_NEW: [&str; 3] = ["clock_seen", "clock_gaps", "service"];
+const OF_NEW: [&str; 4] = ["clock_seen", "clock_gaps", "service", "search_index"];
 
 impl Table {
     fn select(&self) -> String {

@@ -4,8 +4,8 @@ use uuid::Uuid;
 
 use super::signed;
 use crate::{
-    contract::{Code, Fault, outcome::JobOutcome, profile::Profile},
-    store::{Finish, StoreError, StoreResult, json},
+    contract::{Code, Fault, JobKind, JobState, outcome::JobOutcome, profile::Profile},
+    store::{Finish, StoreError, StoreResult, json, search},
 };
 use pinstack_science::types::Warning;
 
@@ -53,6 +53,17 @@ impl<'a> Transition<'a> {
 
     pub(in crate::store) fn outcome_json(&self) -> StoreResult<Option<String>> {
         self.outcome.as_ref().map(|made| json::stored::<JobOutcome>("the result of a job", made)).transpose()
+    }
+
+    /// What the job is found by from now on; see [`search::ended`].
+    pub(in crate::store) fn term(&self) -> Option<String> {
+        match &self.outcome {
+            Some(JobOutcome::Stack(_)) => {
+                search::ended(JobKind::Stack, JobState::Succeeded, self.warnings.unwrap_or_default())
+            }
+            Some(JobOutcome::Calibration(_) | JobOutcome::Reconstruction(_)) => None,
+            None => self.error.map(|_| search::FAILED.to_owned()),
+        }
     }
 
     /// Bytes of the results.

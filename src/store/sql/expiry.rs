@@ -27,7 +27,7 @@ impl Expiry for Metadata {
                      SELECT id FROM jobs
                      WHERE finished_at + COALESCE(keep_ms, CASE
                                WHEN state IN ('failed', 'cancelled') THEN $2
-                               WHEN state = 'succeeded' AND kind = 'stack' THEN $3
+                               WHEN state = 'succeeded' AND kind <> 'calibration' THEN $3
                            END) + (SELECT CAST(COALESCE(SUM(gap_ms), 0) AS bigint) FROM clock_gaps WHERE at_ms > finished_at) <= $1
                        AND state IN ('succeeded', 'failed', 'cancelled')
                      LIMIT $4)
@@ -54,7 +54,7 @@ impl Expiry for Metadata {
             let gone: Vec<Uuid> = sqlx::query_scalar(
                 "UPDATE jobs SET upload_removed = true, upload_bytes = 0 WHERE id IN (
                      SELECT id FROM jobs
-                     WHERE state = 'succeeded' AND NOT upload_removed
+                     WHERE state = 'succeeded' AND NOT upload_removed AND kind <> 'reconstruction'
                        AND finished_at + $2 + (SELECT CAST(COALESCE(SUM(gap_ms), 0) AS bigint) FROM clock_gaps WHERE at_ms > finished_at) <= $1
                      LIMIT $3)
                  RETURNING id",

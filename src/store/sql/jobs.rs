@@ -6,7 +6,7 @@ use uuid::Uuid;
 
 use super::{
     engine::{Connection, Db, Metadata, dialect, id_list},
-    quota, scans,
+    quota, scans, search,
     transitions::{apply, state_and_lease},
 };
 use crate::{
@@ -15,14 +15,13 @@ use crate::{
         BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, Page, PageRequest,
         StoreResult, json,
         rows::{
-            JobRow, blob_keys, counts, keep_ms, kind, listed,
-            page::Window,
-            signed, state,
+            JobRow, blob_keys, counts, keep_ms, kind, signed, state,
             transaction::{Lock, Notice},
             transition::Transition,
             turn::{Queue, TurnInput},
             unsigned,
         },
+        search::{FoundStacks, terms},
     },
 };
 use pinstack_science::types::Warning;
@@ -78,26 +77,11 @@ impl JobQueue for Metadata {
     }
 
     async fn jobs(&self, filter: &JobFilter, page: &PageRequest) -> StoreResult<Page<Job>> {
-        let window = Window::of(filter.kind.map_or("jobs", JobKind::as_str), page)?;
-        let rows = sqlx::query_as(
-            "SELECT * FROM jobs
-             WHERE seq < $1 AND NOT delete_requested
-               AND ($2 IS NULL OR kind = $2) AND ($3 IS NULL OR state = $3)
-               AND ($4 IS NULL OR rig = $4) AND ($5 IS NULL OR lens = $5) AND ($6 IS NULL OR scan = $6)
-               AND ($8 IS NULL OR owner IS NULL OR owner = $8)
-             ORDER BY seq DESC LIMIT $7",
-        )
-        .bind(window.before)
-        .bind(filter.kind.map(JobKind::as_str))
-        .bind(filter.state.map(JobState::as_str))
-        .bind(filter.rig.as_ref().map(Name::as_str))
-        .bind(filter.lens.as_ref().map(Name::as_str))
-        .bind(filter.scan.as_ref().map(Name::as_str))
-        .bind(window.rows)
-        .bind(filter.owner)
-        .fetch(self.reading());
-        let (rows, next_cursor) = window.fill(rows, |row: &JobRow| (row.seq, row.bytes())).await?;
-        listed(rows, next_cursor).await
+        search::jobs(self, filter, page).await
+    }
+
+    async fn found(&self, filter: &JobFilter) -> StoreResult<FoundStacks> {
+        search::found(self, filter).await
     }
 
     async fn queued(&self, limit: u32) -> StoreResult<Vec<Uuid>> {
@@ -249,7 +233,7 @@ async fn insert_behind(
         return Ok(Enqueue::QueueFull { waiting: queue.waiting });
     }
     let now = store.now(&mut *connection).await?;
-    if let Some(over) = quota::exceeded(connection, job.owner, job.request.upload().bytes, now).await? {
+    if let Some(over) = quota::exceeded(connection, job.owner, own_bytes(&job.request), now).await? {
         return Ok(Enqueue::OverQuota(over));
     }
     let place = TurnInput::of(job, sender);
@@ -274,7 +258,7 @@ async fn insert_behind(
     .bind(job.idempotency.as_ref().map(|(key, _)| key.as_str()))
     .bind(job.idempotency.as_ref().map(|(_, fingerprint)| fingerprint.as_str()))
     .bind(job.owner)
-    .bind(signed(job.request.upload().bytes))
+    .bind(signed(own_bytes(&job.request)))
     .bind(place.background)
     .bind(&place.share)
     .bind(turn)
@@ -282,7 +266,13 @@ async fn insert_behind(
     .bind(job.trace.as_deref())
     .fetch_one(&mut *connection)
     .await?;
+    search::index(connection, row.seq, terms(job.rig.as_str(), job.lens.as_str(), &job.request)).await?;
     Ok(Enqueue::Accepted(Box::new(row.try_into()?)))
+}
+
+/// Bytes that a job adds to the store: pictures that a reconstruction reads are results of stacks.
+fn own_bytes(request: &JobRequest) -> u64 {
+    request.own_upload().map_or(0, |upload| upload.bytes)
 }
 
 /// The turn of a job that is accepted now, as [`rows::turn`](crate::store::rows::turn) defines it.

@@ -9,7 +9,7 @@ use uuid::Uuid;
 
 use super::{
     engine::{Connection, Metadata, answered, dialect, id_list},
-    transitions,
+    search, transitions,
 };
 use crate::{
     contract::{Code, JobKind, Progress},
@@ -23,14 +23,15 @@ use crate::{
             transaction::Notice,
             transition::{unreadable, worker_lost},
         },
+        search::FAILED,
     },
     telemetry::events,
 };
 
 #[async_trait]
 impl Leases for Metadata {
-    async fn claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
-        self.observer.reached(answered(self.try_claim(lease, max_attempts)).await)
+    async fn claim(&self, lease: Duration, max_attempts: u32, except: Option<JobKind>) -> StoreResult<Option<Job>> {
+        self.observer.reached(answered(self.try_claim(lease, max_attempts, except)).await)
     }
 
     async fn heartbeat(
@@ -53,7 +54,7 @@ impl Leases for Metadata {
 }
 
 impl Metadata {
-    async fn try_claim(&self, lease: Duration, max_attempts: u32) -> StoreResult<Option<Job>> {
+    async fn try_claim(&self, lease: Duration, max_attempts: u32, except: Option<JobKind>) -> StoreResult<Option<Job>> {
         let mut tx = self.write().await?;
         let now = self.now(&mut *tx).await?;
         let lost = expired_leases(self, &mut tx, now).await?;
@@ -67,11 +68,13 @@ impl Metadata {
                  (SELECT seq FROM jobs WHERE state = 'running' AND id ",
             dialect!(IN "$3"),
             "
+                    AND ($6 IS NULL OR kind <> $6)
                   ORDER BY background, turn, seq LIMIT 1),
                  (SELECT seq FROM jobs",
             dialect!(INDEXED BY jobs_that_wait),
             "
                   WHERE state = 'queued' AND (claim_after IS NULL OR claim_after <= $2 OR claim_after > $2 + $5)
+                    AND ($6 IS NULL OR kind <> $6)
                   ORDER BY background, turn, seq LIMIT 1",
             dialect!(FOR UPDATE SKIP LOCKED),
             "))
@@ -82,6 +85,7 @@ impl Metadata {
         .bind(id_list(&lost))
         .bind(millis(lease))
         .bind(millis(MAX_PAUSE))
+        .bind(except.map(JobKind::as_str))
         .fetch_optional(&mut *tx)
         .await?;
         let changed: Vec<Uuid> = ended.into_iter().chain(row.as_ref().map(|row| row.id)).collect();
@@ -96,7 +100,7 @@ impl Metadata {
                 if let Some((id, token)) = claimed {
                     transitions::finish(self, id, token, &unreadable(id, &error)).await?;
                 }
-                return Box::pin(self.try_claim(lease, max_attempts)).await;
+                return Box::pin(self.try_claim(lease, max_attempts, except)).await;
             }
         };
         if let Some(job) = &job {
@@ -244,7 +248,10 @@ async fn end_lost_jobs(connection: &mut Connection, now: i64, lost: &[Uuid], max
     .bind(id_list(lost))
     .fetch_all(&mut *connection)
     .await?;
-    ended.extend(failed.iter().map(|(id, _)| *id));
+    for (id, _) in &failed {
+        search::index_end(&mut *connection, *id, FAILED).await?;
+        ended.push(*id);
+    }
     let kinds: StoreResult<Vec<JobKind>> = failed.iter().map(|(_, name)| kind(name)).collect();
     Ok(Ended { ids: ended, failed: kinds? })
 }

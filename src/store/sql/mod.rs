@@ -25,6 +25,7 @@ mod leases;
 mod profiles;
 mod quota;
 mod scans;
+pub(super) mod search;
 mod tokens;
 pub(super) mod totals;
 mod transitions;

@@ -146,9 +146,10 @@ pub(super) async fn accepts(connection: &mut Connection, scan: &Name, rig: &Name
 
 /// Number of stacks of a scan.
 async fn stacks(connection: &mut Connection, scan: &Name) -> StoreResult<u64> {
-    let count: i64 = sqlx::query_scalar("SELECT count(*) FROM jobs WHERE scan = $1 AND NOT delete_requested")
-        .bind(scan.as_str())
-        .fetch_one(connection)
-        .await?;
+    let count: i64 =
+        sqlx::query_scalar("SELECT count(*) FROM jobs WHERE scan = $1 AND kind = 'stack' AND NOT delete_requested")
+            .bind(scan.as_str())
+            .fetch_one(connection)
+            .await?;
     Ok(unsigned(count))
 }

@@ -5,7 +5,7 @@ use uuid::Uuid;
 
 use super::{
     engine::{Connection, Metadata, dialect},
-    profiles,
+    profiles, search,
 };
 use crate::{
     contract::JobState,
@@ -77,8 +77,11 @@ pub(super) async fn apply(connection: &mut Connection, id: Uuid, now: i64, end: 
     .bind(end.warnings_json()?)
     .bind(end.outcome_json()?)
     .bind(end.result_bytes())
-    .execute(connection)
+    .execute(&mut *connection)
     .await?;
+    if let Some(term) = end.term() {
+        search::index_end(connection, id, &term).await?;
+    }
     Ok(())
 }
 

@@ -11,7 +11,7 @@ use sqlx::{
 use tokio::sync::broadcast;
 use uuid::Uuid;
 
-use super::{engine::SqliteMetadata, reserve::Reserve, sql::totals::totals};
+use super::{engine::SqliteMetadata, reserve::Reserve, sql::search::refresh, sql::totals::totals};
 use crate::store::{
     Clock, MetadataStore, StoreError, StoreResult, SystemClock, Totals, failpoint::step, folder, rows::schema::Schema,
 };
@@ -28,6 +28,8 @@ const ROWS_AHEAD: usize = 4;
 pub(in crate::store) const SCHEMA: Schema = Schema(&[
     (11, "rows", include_str!("schema/0011_rows.sql")),
     (12, "service", include_str!("schema/0012_service.sql")),
+    (13, "reconstructions", include_str!("schema/0013_reconstructions.sql")),
+    (14, "search", include_str!("schema/0014_search.sql")),
 ]);
 
 impl SqliteMetadata {
@@ -49,7 +51,9 @@ impl SqliteMetadata {
         // on a full disk too, so that what is stored there can be deleted
         let (writer, readers) = reserve.freeing(|| connect(path)).await?;
         let (observer, last_seen, listeners) = Default::default();
-        Ok(Self { writer, readers, reserve, clock, observer, last_seen, listeners })
+        let store = Self { writer, readers, reserve, clock, observer, last_seen, listeners };
+        refresh(&store).await?;
+        Ok(store)
     }
 }
 

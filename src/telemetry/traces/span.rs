@@ -104,6 +104,7 @@ pub fn job(row: Option<&str>, facts: JobFacts<'_>) -> Option<OpenSpan> {
     let name = match facts.kind {
         JobKind::Stack => "run stack",
         JobKind::Calibration => "run calibration",
+        JobKind::Reconstruction => "run reconstruction",
     };
     let builder = SpanBuilder::from_name(name).with_kind(SpanKind::Consumer).with_attributes([
         KeyValue::new("pinstack.job.id", facts.id.to_string()),

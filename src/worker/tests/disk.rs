@@ -39,6 +39,17 @@ worker_test! {
 }
 
 worker_test! {
+    async fn a_job_that_needs_more_memory_than_the_container_has_fails_with_figures() {
+        let stage = stage_with_needs(3 << 20, 1).await;
+        let _pool = Pool::start(stage.deps.clone(), Config { memory_limit: Some(2 << 20), ..config(1) });
+        let job = stage.ended(stage.accept().await).await;
+        let error = job.error.expect("it failed");
+        assert_eq!((error.code, job.attempt), (Code::InsufficientStorage, 1));
+        assert!(error.detail.contains("3 MiB") && error.detail.contains("2 MiB"), "{}", error.detail);
+    }
+}
+
+worker_test! {
     async fn a_job_waits_for_disk_space_and_can_be_cancelled_meanwhile() {
         let stage = stage_with_needs(1, 1).await;
         let full = Arc::new(SmallDisk::over(Arc::clone(&stage.deps.store.blobs), 0));

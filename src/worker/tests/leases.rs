@@ -101,7 +101,7 @@ worker_test! {
         // the lease must expire and be claimed between two heartbeats
         let taken = loop {
             // observed by the other process, then unchanged for a whole lease
-            if let Some(taken) = other.claim(LEASE, 1000).await.unwrap() {
+            if let Some(taken) = other.claim(LEASE, 1000, None).await.unwrap() {
                 break taken;
             }
             stage.clock.advance(LEASE);

@@ -246,11 +246,36 @@ class AsyncClient:
         lens: Optional[str] = None,
         scan: Optional[str] = None,
         state: Optional[models.JobState] = None,
+        verdict: Optional[models.Verdict] = None,
+        q: Optional[str] = None,
+        since: Optional[str] = None,
+        until: Optional[str] = None,
         most: Optional[int] = None,
     ) -> List[models.Stack]:
-        """Stacks, newest first."""
-        parameters = query(rig=rig, lens=lens, scan=scan, state=state)
+        """Stacks, newest first.
+
+        Args:
+            q: words of label, scan, rig, lens and file name; the beginning of a word is enough.
+            since: the first day (``"2026-11-27"``, UTC) or time of acceptance.
+            until: the last day or time.
+            most: at most this many.
+        """
+        parameters = query(rig=rig, lens=lens, scan=scan, state=state, verdict=verdict, q=q, since=since, until=until)
         return await self._transport.run(self._do.pages("/v1/stacks", parameters, most))
+
+    async def count_stacks(
+        self,
+        *,
+        rig: Optional[str] = None,
+        lens: Optional[str] = None,
+        scan: Optional[str] = None,
+        q: Optional[str] = None,
+        since: Optional[str] = None,
+        until: Optional[str] = None,
+    ) -> models.StackTotals:
+        """Numbers of stacks by verdict, each counted up to 10,000. The arguments are those of ``list_stacks``."""
+        parameters = query(rig=rig, lens=lens, scan=scan, q=q, since=since, until=until)
+        return await self._transport.run(self._do.get("/v1/stack-totals", parameters))
 
     async def get_stack(self, stack: Reference) -> models.Stack:
         """A stack as it is now."""
@@ -420,6 +445,40 @@ class AsyncClient:
         >>> client.poses("model/0", scan="beetle")["pan_steps"]  # doctest: +SKIP
         """
         return await self._transport.run(self._do.poses(file, scan, options))
+
+    # -- reconstructions -----------------------------------------------------------------------------------------------
+
+    async def start_reconstruction(self, scan: str, **options: Any) -> models.Reconstruction:
+        """Has COLMAP reconstruct the views of a scan, and returns at once; ``wait`` waits for it.
+
+        Args:
+            scan: the scan; all its views must have a result.
+            options: ``partial=True`` leaves out views without a result; ``max_error_px`` is the largest error of
+                reprojection.
+        """
+        return await self._transport.run(self._do.post(path("v1", "scans", scan, "reconstructions"), options))
+
+    async def reconstruct(
+        self,
+        scan: str,
+        *,
+        on_progress: Optional[OnProgress] = None,
+        timeout_s: Optional[float] = None,
+        **options: Any,
+    ) -> models.Reconstruction:
+        """The same, and waits until it has ended. Its files: ``artifact(reconstruction, "points")``, ``"cameras"``, ...
+
+        >>> [finding["detail"] for finding in client.reconstruct("beetle")["result"]["findings"]]  # doctest: +SKIP
+        """
+        return await self._transport.run(self._do.reconstruct(scan, options, on_progress, timeout_s))
+
+    async def list_reconstructions(self, scan: str, *, most: Optional[int] = None) -> List[models.Reconstruction]:
+        """The reconstructions of a scan, newest first."""
+        return await self._transport.run(self._do.pages(path("v1", "scans", scan, "reconstructions"), query(), most))
+
+    async def get_reconstruction(self, id: str) -> models.Reconstruction:
+        """A reconstruction."""
+        return await self._transport.run(self._do.get(path("v1", "reconstructions", id)))
 
     # -- anything else -------------------------------------------------------------------------------------------------
 

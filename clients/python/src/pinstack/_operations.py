@@ -250,6 +250,16 @@ class Operations:
                 on_view(view["name"], ended["state"])
         return (yield from self.get(at))
 
+    def reconstruct(
+        self,
+        scan: str,
+        options: Mapping[str, Any],
+        on_progress: Optional[_events.OnProgress],
+        timeout_s: Optional[float],
+    ) -> Operation[Any]:
+        made = yield from self.post(path("v1", "scans", scan, "reconstructions"), options)
+        return (yield from self.wait(made, on_progress, timeout_s, True))
+
     def scan_table(self, scan: str) -> Operation[pandas.DataFrame]:
         csv = yield from self.get_bytes(path("v1", "scans", scan, "views.csv"), {}, None)
         import pandas

@@ -5,9 +5,12 @@ At run time each is a plain ``dict``: members that a newer service adds are kept
 
 from __future__ import annotations
 
-from typing import Dict, List, Literal, Optional, TypedDict
+from typing import Any, Dict, List, Literal, Optional, TypedDict
 
 from typing_extensions import NotRequired
+
+
+ActionKind = Literal["fuse_again", "calibrate", "delete"]
 
 
 CalibrationSource = Literal["dot_target", "stacks"]
@@ -16,7 +19,7 @@ CalibrationSource = Literal["dot_target", "stacks"]
 CaptureMode = Literal["fixed_lens", "moving_lens", "lens_alone"]
 
 
-Code = Literal["invalid_request", "unauthorized", "forbidden", "cross_origin_request", "misdirected_request", "too_many_requests", "not_found", "method_not_allowed", "method_not_implemented", "profile_not_found", "scan_not_found", "scan_mismatch", "not_finished", "no_result", "upload_removed", "conflict", "precondition_failed", "idempotency_key_reused", "unsupported_media_type", "not_acceptable", "range_not_satisfiable", "upload_too_large", "upload_incomplete", "checksum_mismatch", "locked", "insufficient_storage", "queue_full", "invalid_archive", "unsupported_archive", "archive_too_large", "invalid_image", "size_mismatch", "slice_count_mismatch", "invalid_profile", "invalid_poses", "target_not_found", "mask_failed", "worker_lost", "unavailable", "internal"]
+Code = Literal["invalid_request", "unauthorized", "forbidden", "cross_origin_request", "misdirected_request", "too_many_requests", "not_found", "method_not_allowed", "method_not_implemented", "profile_not_found", "scan_not_found", "scan_mismatch", "not_finished", "no_result", "upload_removed", "conflict", "precondition_failed", "idempotency_key_reused", "unsupported_media_type", "not_acceptable", "range_not_satisfiable", "upload_too_large", "upload_incomplete", "checksum_mismatch", "locked", "insufficient_storage", "queue_full", "invalid_archive", "unsupported_archive", "archive_too_large", "invalid_image", "size_mismatch", "slice_count_mismatch", "invalid_profile", "invalid_poses", "target_not_found", "mask_failed", "reconstruction_failed", "worker_lost", "unavailable", "internal"]
 
 
 Grade = Literal["good", "usable", "poor"]
@@ -106,6 +109,31 @@ UploadProgress = Literal["receiving", "complete", "refused"]
 UploadPurpose = Literal["stack", "calibration", "scan"]
 
 
+Verdict = Literal["use", "look", "do_not_use"]
+
+
+class Action(TypedDict):
+    """A request that does what a finding needs."""
+
+    href: str
+    kind: ActionKind
+    label: str
+    method: str
+    options: NotRequired[Optional[Dict[str, Any]]]
+
+
+class Advice(TypedDict):
+    """A warning or note of a stack: what happened, what to do, and what the service can do about it."""
+
+    actions: List[Action]
+    code: str
+    cure: str
+    detail: str
+    slices: List[int]
+    title: str
+    verdict: Verdict
+
+
 class AlignmentMetrics(TypedDict):
     """Residual shifts between neighbouring warped slices, which show whether the profile fits the stack."""
 
@@ -141,7 +169,7 @@ class ArtifactView(TypedDict):
 
 
 class JobView(TypedDict):
-    """State and progress of a stack or a calibration."""
+    """State and progress of a stack, a calibration or a reconstruction."""
 
     attempt: int
     cancel_requested: bool
@@ -437,8 +465,20 @@ class NameGrouping(TypedDict):
     """The views that names tell."""
 
     ignored: List[IgnoredFile]
+    stack: NotRequired[NamedStack]
     views: List[NamedView]
     warnings: List[Warning]
+
+
+class NamedStack(TypedDict):
+    """One stack as names tell it."""
+
+    back: List[str]
+    front: List[str]
+    gaps: NotRequired[Optional[str]]
+    lights: List[FurtherLight]
+    moved: List[str]
+    problem: NotRequired[Optional[str]]
 
 
 class NamedView(TypedDict):
@@ -446,6 +486,7 @@ class NamedView(TypedDict):
 
     back: List[str]
     front: List[str]
+    gaps: NotRequired[Optional[str]]
     name: str
     pan_deg: NotRequired[Optional[float]]
     problem: NotRequired[Optional[str]]
@@ -602,6 +643,85 @@ class Progress(TypedDict):
     fraction: float
     stage: str
     total: int
+
+
+class ReconstructedHull(TypedDict):
+    """Figures of the visual hull, in `unit` (areas in its square, volumes in its cube)."""
+
+    area: float
+    cell: float
+    left_out: List[str]
+    size: List[float]
+    triangles: int
+    volume: float
+
+
+class ReconstructedView(TypedDict):
+    """A view of a reconstruction."""
+
+    features: NotRequired[Optional[int]]
+    mean_error_px: NotRequired[Optional[float]]
+    name: str
+    points: NotRequired[Optional[int]]
+    radial: NotRequired[Optional[float]]
+    registered: bool
+    stack: str
+    tangential: NotRequired[Optional[float]]
+
+
+class Reconstruction(JobView):
+    """A reconstruction of the views of a scan."""
+
+    artifacts: List[ArtifactView]
+    links: ReconstructionLinks
+    options: ReconstructionOptions
+    result: NotRequired[Optional[ReconstructionResult]]
+    scan: Name
+
+
+class ReconstructionFinding(TypedDict):
+    """Something conspicuous about a reconstruction."""
+
+    code: str
+    detail: str
+    views: List[str]
+
+
+class ReconstructionLinks(TypedDict):
+    """URLs of a reconstruction."""
+
+    cameras: NotRequired[Optional[str]]
+    cancel: NotRequired[Optional[str]]
+    events: str
+    log: NotRequired[Optional[str]]
+    model: NotRequired[Optional[str]]
+    points: NotRequired[Optional[str]]
+    poses: NotRequired[Optional[str]]
+    scan: str
+    self: str
+
+
+class ReconstructionOptions(TypedDict):
+    """Options of a reconstruction."""
+
+    max_error_px: NotRequired[float]
+    partial: NotRequired[bool]
+
+
+class ReconstructionResult(TypedDict):
+    """What a reconstruction found."""
+
+    expected: int
+    findings: List[ReconstructionFinding]
+    focal_px: NotRequired[Optional[float]]
+    hull: NotRequired[Optional[ReconstructedHull]]
+    mean_error_px: NotRequired[Optional[float]]
+    observations: int
+    points: int
+    program: str
+    registered: int
+    unit: NotRequired[Optional[LengthUnit]]
+    views: List[ReconstructedView]
 
 
 class RerunOptions(TypedDict):
@@ -776,6 +896,7 @@ class ScanView(TypedDict):
     state: JobState
     tilt_deg: NotRequired[Optional[float]]
     unfocused_fraction: NotRequired[Optional[float]]
+    verdict: NotRequired[Optional[Verdict]]
 
 
 class ScanWithViews(Scan):
@@ -815,6 +936,7 @@ class SliceMetrics(TypedDict):
 class Stack(JobView):
     """A focus stack and its results."""
 
+    advice: List[Advice]
     artifacts: List[ArtifactView]
     height: NotRequired[Optional[HeightInfo]]
     image: NotRequired[Optional[ImageInfo]]
@@ -827,6 +949,7 @@ class Stack(JobView):
     rerun_of: NotRequired[Optional[str]]
     slices: StackLayout
     software: NotRequired[Optional[str]]
+    verdict: NotRequired[Optional[Verdict]]
 
 
 class StackLayout(TypedDict):
@@ -930,6 +1053,16 @@ class StackOptionsInput(TypedDict):
     sigma_g: NotRequired[float]
     tilt_deg: NotRequired[Optional[float]]
     under_alpha: NotRequired[UnderAlpha]
+
+
+class StackTotals(TypedDict):
+    """Numbers of stacks."""
+
+    do_not_use: int
+    failed: int
+    look: int
+    stacks: int
+    use: int
 
 
 class StageTime(TypedDict):

@@ -17,7 +17,10 @@ use super::{
     view::{Group, Ignored, ScanRules},
 };
 use crate::{
-    archive::{layout, member_names, members::Member, messages::invalid, natural_order},
+    archive::{
+        layout, member_names, members::Member, messages::invalid, named_stack::NamedStack, natural_order,
+        numbering_gaps,
+    },
     types::{Error, Warning},
 };
 
@@ -30,6 +33,9 @@ pub struct NameGrouping {
     pub ignored: Vec<Ignored>,
     /// What the user should know.
     pub warnings: Vec<Warning>,
+    /// The same files as one stack, or as a dot target.
+    #[serde(default)]
+    pub stack: NamedStack,
 }
 
 /// A view that names tell.
@@ -48,6 +54,10 @@ pub struct NamedView {
     pub back: Vec<String>,
     /// Why the view cannot be sent, as far as names and numbers tell; null when nothing is wrong.
     pub problem: Option<String>,
+    /// The gaps in the numbering of the front-light slices, as a clause (`after s_05.jpg comes s_07.jpg`); null when
+    /// there are none, or when the names are not numbered evenly.
+    #[serde(default)]
+    pub gaps: Option<String>,
 }
 
 /// Groups names into views. `names` are relative, with `/` or `\` between folders. `listed` is the content of the
@@ -80,6 +90,7 @@ pub fn group_names(names: &[String], listed: Option<&[u8]>, rules: &ScanRules) -
         reason: format!("a {format} camera raw file without a picture of the same name; convert it first"),
         name: member.name,
     }));
+    let stack = NamedStack::of(split.pictures.clone(), listed);
     let is_named = split.others.iter().any(manifest::has_its_name);
     let listed = match (manifest::find(&split.others, &split.pictures), listed) {
         (Some(member), Some(bytes)) => manifest::read(member, bytes, &split.pictures)?,
@@ -106,13 +117,15 @@ pub fn group_names(names: &[String], listed: Option<&[u8]>, rules: &ScanRules) -
         let problem = in_two_formats().cloned().or_else(|| checks::wrong_counts(&group)).or_else(|| same.remove(&at));
         view(group, problem)
     });
-    Ok(NameGrouping { views: views.collect(), ignored, warnings })
+    Ok(NameGrouping { views: views.collect(), ignored, warnings, stack })
 }
 
 fn view(group: Group, problem: Option<String>) -> NamedView {
     let Group { label: _, pan_deg, tilt_deg, name, front, back } = group;
-    let names = |members: Vec<Member>| members.into_iter().map(|member| member.name).collect();
-    NamedView { name, pan_deg, tilt_deg, front: names(front), back: names(back), problem }
+    let names = |members: Vec<Member>| members.into_iter().map(|member| member.name).collect::<Vec<_>>();
+    let front = names(front);
+    let gaps = numbering_gaps::skipped(&front);
+    NamedView { name, pan_deg, tilt_deg, front, back: names(back), problem, gaps }
 }
 
 /// Takes out the files in folders that name both lights.

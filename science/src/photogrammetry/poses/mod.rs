@@ -19,7 +19,7 @@ use utoipa::ToSchema;
 
 use crate::types::{Error, error::ErrorKind, text::folded};
 
-pub use readers::{COLMAP_MODEL, read};
+pub use readers::{COLMAP_MODEL, colmap_views, read};
 pub use report::{
     FocalLengthReport, KnownLengthReport, LengthUnit, PoseReport, ScaleReport, ScaleSource, StepReport, SurfaceKind,
     SurfaceReport, ViewPose, report,

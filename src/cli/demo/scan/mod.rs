@@ -21,7 +21,7 @@ use self::{
     score::{Figures, Pictures, ViewFigures},
     setup::{SCAN, Setup},
 };
-use super::client::{Client, start_service};
+use super::client::{Client, pages, start_service};
 use crate::cli::output::{note, say};
 use pinstack_science::{
     archive::{self, ArchiveLimits},
@@ -41,6 +41,8 @@ pub(super) struct ScanDemo {
     pub render_only: bool,
     /// Keep the service running afterwards.
     pub keep: bool,
+    /// Port of the service; `None`: the default, or a free one.
+    pub port: Option<u16>,
     /// Width of a slice, px.
     pub width: usize,
     /// Number of slices.
@@ -68,7 +70,7 @@ impl ScanDemo {
             say(settings(&setup));
             return Ok(());
         }
-        let service = start_service(data).await?;
+        let service = start_service(data, self.port).await?;
         let url = format!("http://{}", service.address());
         let scan = Scan { client: Client::new(url.clone()), setup: &setup, out: &self.out };
         let figures = scan.run().await?;
@@ -80,7 +82,11 @@ impl ScanDemo {
         ));
         say(self.left(&["bundle.zip", "poses.txt", "figures.json"]));
         if self.keep {
-            say(format!("\nThe service is still running; Ctrl-C stops it. In a browser: {url}/scans/{SCAN}"));
+            say("\nThe service is still running; Ctrl-C stops it. In a browser:\n");
+            say(pages(
+                &url,
+                &[("the scan", &format!("scans/{SCAN}")), ("its profile", &format!("profiles/{RIG}/{LENS}"))],
+            ));
             tokio::signal::ctrl_c().await?;
         }
         service.stop().await

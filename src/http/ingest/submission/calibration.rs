@@ -57,7 +57,7 @@ impl MovedTarget {
         };
         let measured = job.filter(|job| job.rig == *rig).and_then(|job| {
             let Some(JobOutcome::Calibration(outcome)) = &job.outcome else { return None };
-            let layout = job.request.layout();
+            let layout = job.request.layout()?;
             Some(Self {
                 size: (layout.width, layout.height),
                 reference_index: outcome.reference_index,

@@ -17,7 +17,7 @@ use crate::{
         Fault, JobKind, Name,
         request::{JobRequest, Upload},
     },
-    http::{ApiResult, App, auth::Caller},
+    http::{ApiError, ApiResult, App, auth::Caller},
 };
 
 /// A submission whose names, options and profile are valid.
@@ -37,6 +37,7 @@ impl Receivable for Submission {
         Ok(match kind {
             JobKind::Stack => Self::Stack(Box::new(StackSubmission::read(app, caller, fields).await?)),
             JobKind::Calibration => Self::Calibration(Box::new(CalibrationSubmission::read(app, fields).await?)),
+            JobKind::Reconstruction => return Err(ApiError::internal("a reconstruction is not made from a zip")),
         })
     }
 

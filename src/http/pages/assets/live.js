@@ -1,6 +1,6 @@
 // Follows what is in progress: asks for a part of this page again, often while something runs, seldom otherwise, and
 // not at all while the page is hidden. One request, whatever the number of stacks.
-import { call } from './page.js';
+import { call, element } from './page.js';
 
 const BUSY_MS = 1500;
 const CALM_MS = 10000;
@@ -13,6 +13,7 @@ export function follow(box, part, changed = () => {}) {
   url.searchParams.set('part', part);
   let last = null;
   let failures = 0;
+  let gone = null;
   const isBusy = () => box.querySelector('[data-state=queued], [data-state=running]') !== null;
   let timer;
   let took = 0;
@@ -25,13 +26,20 @@ export function follow(box, part, changed = () => {}) {
       const text = await response.text();
       took = performance.now() - began;
       failures = 0;
+      gone?.remove();
       if (response.ok && text !== last) {
         const parsed = new DOMParser().parseFromString(text, 'text/html').body;
         merge(box, parsed);
         if (last !== null || text) changed(box);
         last = text;
       }
-    } catch {
+    } catch (error) {
+      // a refusal is the answer of a server that is there
+      if (error.status > 0 && error.status < 502) gone?.remove();
+      else if (failures > 0 && !gone?.isConnected) {
+        gone = element('p', { class: 'error', role: 'alert' }, 'The server does not answer. What you see may be old; this page goes on by itself when it is back.');
+        document.querySelector('main').prepend(gone);
+      }
       failures += 1;
     }
     return again();

@@ -24,7 +24,8 @@ export async function refusal(response) {
   return new Refused(response.status, detail, problem.code);
 }
 
-/** Sends a request to this server. Goes to the page that asks for a token when the session has ended. */
+/** Sends a request to this server. Goes to the page that asks for a token when the session has ended, unless that would
+ *  end an upload. */
 export async function call(method, url, body, headers = {}) {
   let response;
   try {
@@ -33,6 +34,7 @@ export async function call(method, url, body, headers = {}) {
     throw new Refused(0, 'the server does not answer; check the network, then try again');
   }
   if (response.status === 401) {
+    if (document.querySelector('#uploads progress')) throw new Refused(401, 'your sign-in has ended; sign in in another tab, then try again');
     location.assign(link(`/sign-in?next=${encodeURIComponent(location.pathname.slice(ROOT.length) + location.search)}`));
   }
   if (!response.ok && response.status !== 304) throw await refusal(response);

@@ -1,117 +1,160 @@
-// The page that sends: what was chosen is shown, packed if it is a folder, and uploaded.
-import { bytes, call, duration, element, json, link, sentence, tell } from './page.js';
+// The page that sends: what was chosen is read, told, and uploaded.
+import { call, element, json, link, sentence, tell } from './page.js';
+import { headOf } from './exif.js';
 import { chosen, dropped, grouped, sorted } from './files.js';
-import { Upload } from './tus.js';
-import { zipped } from './zip.js';
+import { followSensor, numbersOf, offer } from './measures.js';
+import { planOf, purposeOf, viewsOf, worthReading } from './plan.js';
+import { Preview } from './preview.js';
+import { start } from './upload.js';
+
+/** Heads that are read: those of the first, middle and last slices come first. */
+const MOST_HEADS = 600;
+const AT_ONCE = 6;
+const KEPT = 'pinstack-cameras';
+const NUMBERS = ['pan_deg', 'tilt_deg', 'target_pitch_mm', 'pixel_pitch_mm', 'rail_step_mm', 'focal_mm', 'pupil_ratio', 'target_advance_mm'];
 
 const form = document.getElementById('send');
 const by = (id) => document.getElementById(id);
 const drop = by('drop');
+const preview = new Preview(by('chosen'));
 let choice = null;
+let profile;
+let isPurposeChosen = false;
+const typed = new Set();
 
 const purpose = () => form.querySelector('input[name=purpose]:checked').value;
 
 function adapt() {
   for (const part of form.querySelectorAll('[data-for]')) part.hidden = !part.dataset.for.split(' ').includes(purpose());
   by('scan').required = purpose() === 'scan';
+  read();
   show();
-  group();
 }
-form.addEventListener('change', (event) => { if (event.target.name === 'purpose') adapt(); });
+form.addEventListener('change', (event) => {
+  if (event.target.name === 'purpose') { isPurposeChosen = true; adapt(); }
+});
+let soon;
+form.addEventListener('input', (event) => {
+  if (!['rig', 'lens'].includes(event.target.name)) return;
+  typed.add(event.target.name);
+  clearTimeout(soon);
+  soon = setTimeout(findProfile, 300);
+});
 
 by('scan').addEventListener('change', () => {
   const known = [...by('scans').options].find((option) => option.value === by('scan').value);
-  if (known) { by('rig').value = known.dataset.rig; by('lens').value = known.dataset.lens; }
+  if (known) { by('rig').value = known.dataset.rig; by('lens').value = known.dataset.lens; findProfile(); }
 });
 
 for (const name of ['folder', 'file']) {
   by(`pick-${name}`).addEventListener('click', () => by(name).click());
-  by(name).addEventListener('change', (event) => { take(chosen(event.target)); event.target.value = ''; });
+  by(name).addEventListener('change', (event) => { const files = chosen(event.target); event.target.value = ''; take(files); });
 }
-drop.addEventListener('dragover', (event) => { event.preventDefault(); drop.classList.add('over'); });
-drop.addEventListener('dragleave', () => drop.classList.remove('over'));
-drop.addEventListener('drop', async (event) => {
-  event.preventDefault();
+// what is dropped beside the place would replace the page
+for (const name of ['dragover', 'drop']) document.addEventListener(name, (event) => event.preventDefault());
+document.addEventListener('dragover', () => drop.classList.add('over'));
+document.addEventListener('dragleave', (event) => { if (!event.relatedTarget) drop.classList.remove('over'); });
+document.addEventListener('drop', async (event) => {
   drop.classList.remove('over');
-  try { take(await dropped(event.dataTransfer)); } catch { tell('told', 'the folder cannot be read; choose it with the button'); }
+  try { await take(await dropped(event.dataTransfer)); } catch { tell('told', 'the folder cannot be read; choose it with the button'); }
 });
 
-function take(files) {
-  choice = sorted(files);
+/** Takes what was chosen: groups it by the rules of the service, and reads the heads of its pictures. */
+async function take(files) {
+  const own = { heads: new Map(), files: new Map() };
   tell('told', '');
-  if (!choice.zip && choice.pictures.length === 0) {
-    tell('told', choice.zips.length > 1
-      ? 'there are several zips; send one at a time, or a folder of pictures'
-      : 'there are no JPEG, PNG or TIFF pictures in it; convert raw files first');
-    choice = null;
-  }
-  show();
-  group();
-}
-
-/** Asks the server once how it groups what was chosen. */
-async function group() {
-  const own = choice;
-  if (own === null || own.zip || own.isAsked || purpose() === 'calibration') return;
-  own.isAsked = true;
+  preview.clear();
+  choice = own;
+  by('go').disabled = true;
   try {
+    Object.assign(own, await sorted(files));
+    if (own.pictures.length === 0) {
+      throw new Error(own.zips.length > 1 ? 'there are several zips; send one at a time, or a folder of pictures'
+        : 'there are no JPEG, PNG or TIFF pictures in it; convert raw files first');
+    }
+    own.files = new Map(own.pictures.map((file) => [file.path, file]));
     own.grouping = await grouped(own.pictures);
   } catch (error) {
-    own.trouble = error.message;
+    if (choice !== own) return;
+    tell('told', own.pictures?.length ? `the pictures cannot be grouped into views: ${error.message}` : error.message);
+    if (!own.pictures?.length) choice = null;
   }
   // another folder may have been chosen meanwhile
-  if (choice === own) show();
+  if (choice !== own) return;
+  by('go').disabled = choice === null;
+  const guess = own.grouping && form.querySelector(`input[name=purpose][value=${purposeOf(own.grouping, [...own.files.keys()])}]`);
+  if (guess && !isPurposeChosen) guess.checked = true;
+  adapt();
+}
+
+/** Reads heads that were not read, a few at a time, and shows what they tell. */
+async function read() {
+  const own = choice;
+  if (!own?.grouping) return;
+  const names = worthReading(viewsOf(purpose(), own.grouping), MOST_HEADS).filter((name) => !own.heads.has(name) && own.files.has(name));
+  let shown = performance.now();
+  const next = async () => {
+    for (let name = names.shift(); name !== undefined && choice === own; name = names.shift()) {
+      if (own.heads.has(name)) continue;
+      const head = await headOf(own.files.get(name).source).catch(() => undefined);
+      if (head !== undefined) own.heads.set(name, head);
+      if (performance.now() - shown > 250) { shown = performance.now(); show(); }
+    }
+  };
+  await Promise.all(Array.from({ length: AT_ONCE }, next));
+  if (choice !== own) return;
+  const head = [...own.heads.values()].find(Boolean);
+  offer(form, head);
+  remembered(head);
+  follow();
+  show();
+}
+const follow = followSensor(form, () => {
+  const head = [...(choice?.heads.values() ?? [])].find(Boolean);
+  return head ? Math.max(head.width, head.height) : 0;
+});
+
+const cameras = () => { try { return JSON.parse(localStorage.getItem(KEPT)) ?? {}; } catch { return {}; } };
+const keyOf = (head) => [head?.make, head?.model, head?.lens].join('|');
+
+/** Proposes the rig and the lens with which pictures of this camera were sent last, or the last ones at all. */
+function remembered(head) {
+  const kept = cameras();
+  const last = (head && kept[keyOf(head)]) || kept.last;
+  const isFree = (name) => !typed.has(name) && (by(name).value === '' || by(name).dataset.proposed === by(name).value);
+  if (!last || !['rig', 'lens'].every(isFree)) return;
+  for (const name of ['rig', 'lens']) { by(name).value = last[name]; by(name).dataset.proposed = last[name]; }
+  findProfile();
+}
+
+/** Gets the profile of the rig and the lens, to compare what was chosen with. */
+async function findProfile() {
+  const [rig, lens] = [by('rig').value.trim(), by('lens').value.trim()];
+  let found;
+  if (rig && lens) {
+    try { found = await json('GET', link(`/v1/profiles/${encodeURIComponent(rig)}/${encodeURIComponent(lens)}`)); } catch (error) {
+      found = error.status === 404 ? null : undefined;
+    }
+  }
+  if (rig !== by('rig').value.trim() || lens !== by('lens').value.trim()) return;
+  profile = found;
+  show();
 }
 
 function show() {
-  const place = by('chosen');
-  by('go').disabled = choice === null;
-  if (choice === null) return place.replaceChildren();
-  if (choice.zip) {
-    return place.replaceChildren(element('p', {}, element('strong', {}, choice.zip.name), ` ${bytes(choice.zip.size)}`));
-  }
-  const { pictures, others } = choice;
-  const size = pictures.reduce((sum, { file }) => sum + file.size, 0);
-  const parts = [element('p', {}, element('strong', {}, `${pictures.length} pictures`), `, ${bytes(size)}`)];
-  if (choice.trouble) parts.push(element('p', { class: 'told' }, sentence(`the pictures cannot be grouped into views: ${choice.trouble}`)));
-  const { views, ignored } = choice.grouping ?? { views: [], ignored: [] };
-  if (purpose() === 'scan' ? views.length : views.length > 1) parts.push(table(views));
-  if (purpose() === 'stack' && views.length > 1) {
-    parts.push(element('p', { class: 'told' }, `These are ${views.length} views. If they are views of one object, choose “A scan”.`));
-  }
-  if (purpose() === 'scan' && ignored.length) {
-    parts.push(element('details', {}, element('summary', {}, `${ignored.length} files belong to no view`),
-      element('ul', {}, ...ignored.slice(0, 100).map(({ name, reason }) => element('li', {}, `${name}: ${reason}`)))));
-  }
-  if (others.length) parts.push(element('p', { class: 'soft' }, `${others.length} other files are not sent: ${others.slice(0, 3).map(({ path }) => path).join(', ')}${others.length > 3 ? ', …' : ''}`));
-  return place.replaceChildren(...parts);
-}
-
-function table(views) {
-  const counts = (view) => `${view.front.length}/${view.back.length}`;
-  const usual = views.map(counts).sort().at(views.length >> 1);
-  const angle = (degrees) => (degrees === null ? '' : String(Number(degrees.toFixed(3))));
-  const row = (view) => {
-    const remark = view.problem ?? (counts(view) === usual ? '' : 'differs from the others');
-    return element('tr', {}, element('td', { class: 'l' }, view.name || '(no folder)'), element('td', {}, angle(view.pan_deg)), element('td', {}, angle(view.tilt_deg)),
-      element('td', {}, String(view.front.length)), element('td', {}, String(view.back.length)), element('td', { class: 'l warn' }, remark && `! ${remark}`));
-  };
-  const head = ['View', 'Pan', 'Tilt', 'Front light', 'Back light', 'Remarks'].map((name, at) => element('th', { scope: 'col', class: at % 5 ? undefined : 'l' }, name));
-  return element('div', { class: 'wide', tabindex: '0', role: 'region', 'aria-label': 'Views' }, element('table', {},
-    element('caption', { class: 'soft small' }, `${views.length} ${views.length === 1 ? 'view' : 'views'}, as the server reads the names. Nothing has been sent yet.`),
-    element('thead', {}, element('tr', {}, ...head)), element('tbody', {}, ...views.map(row))));
+  if (!choice?.grouping) return;
+  const plan = planOf({ purpose: purpose(), grouping: choice.grouping, heads: choice.heads, profile, others: choice.others.map(({ path }) => path), rig: by('rig').value, lens: by('lens').value });
+  preview.show(plan, { ...choice, purpose: purpose() });
+  const bad = plan.findings.filter(({ level }) => level === 'bad').length;
+  const said = `${plan.title}. ${bad ? `${bad} ${bad === 1 ? 'thing does' : 'things do'} not fit.` : ''}`;
+  if (by('summary').textContent !== said) by('summary').textContent = said;
 }
 
 /** The values of the form as they are sent. */
 function described() {
   const value = (name) => (form.elements[name]?.closest('[hidden]') ? '' : form.elements[name]?.value.trim() ?? '');
-  const numbers = ['pan_deg', 'tilt_deg', 'target_pitch_mm', 'pixel_pitch_mm', 'rail_step_mm', 'pupil_ratio', 'target_advance_mm'];
-  const options = {};
-  for (const name of ['label', 'moved_target', ...numbers]) {
-    const text = value(name);
-    if (text) options[name] = numbers.includes(name) ? Number(text.replace(',', '.')) : text;
-    if (Number.isNaN(options[name])) throw new Error(`${form.querySelector(`label[for=${name}]`).textContent}: “${text}” is not a number`);
-  }
+  const options = numbersOf(form, NUMBERS);
+  for (const name of ['label', 'moved_target', 'capture_mode']) if (value(name)) options[name] = value(name);
   const scan = value('scan');
   const metadata = { rig: value('rig'), lens: value('lens'), purpose: purpose() };
   if (purpose() === 'no_target') {
@@ -121,121 +164,54 @@ function described() {
   if (purpose() === 'scan') metadata.scan = scan;
   else if (scan && purpose() === 'stack') options.scan = scan;
   if (Object.keys(options).length) metadata.options = JSON.stringify(options);
-  return { metadata, scan };
+  return { metadata, scan, ...numbersOf(form, ['radius_mm']) };
 }
 
 form.addEventListener('submit', async (event) => {
   event.preventDefault();
-  if (!choice) return;
+  const own = choice;
+  if (!own) return;
   tell('told', '');
   const button = by('go');
   button.disabled = true;
   try {
-    const { metadata, scan } = described();
-    if (scan) await makeScan(scan, metadata);
-    start(choice, metadata);
+    const { metadata, scan, radius_mm: radius } = described();
+    if (scan) await makeScan(scan, metadata, radius);
+    const { rig, lens } = metadata;
+    const head = [...own.heads.values()].find(Boolean);
+    try { localStorage.setItem(KEPT, JSON.stringify({ ...cameras(), last: { rig, lens }, ...(head ? { [keyOf(head)]: { rig, lens } } : {}) })); } catch { /* the next visit asks again */ }
+    start(own.zip ? { zip: own.zip } : own, metadata);
     choice = null;
-    show();
+    isPurposeChosen = false;
+    preview.clear();
+    by('summary').textContent = '';
+    by('uploads').scrollIntoView({ block: 'nearest' });
   } catch (error) {
     tell('told', error.message);
     button.disabled = false;
   }
 });
 
-/** Creates a scan that does not exist yet. */
-async function makeScan(name, { rig, lens }) {
+/** Creates a scan that does not exist yet; one that does gets the radius of its turntable, if that is given. */
+async function makeScan(name, { rig, lens }, radius) {
+  const url = link(`/v1/scans/${encodeURIComponent(name)}`);
   try {
-    await call('PUT', link(`/v1/scans/${encodeURIComponent(name)}`), JSON.stringify({ rig, lens }), { 'content-type': 'application/json', 'if-none-match': '*' });
+    await call('PUT', url, JSON.stringify({ rig, lens, radius_mm: radius ?? null }), { 'content-type': 'application/json', 'if-none-match': '*' });
   } catch (error) {
     if (error.status !== 412) throw error;
+    if (radius === undefined) return;
+    const scan = await json('GET', url);
+    if (scan.radius_mm !== radius) await json('PUT', url, { ...scan, radius_mm: radius });
   }
 }
 
-/** A short text that is the same for the same files and options. */
-async function fingerprint(files, metadata) {
-  const text = JSON.stringify([files.map(({ path, file }) => [path, file.size, file.lastModified]), metadata]);
-  if (globalThis.crypto?.subtle) {
-    const digest = await crypto.subtle.digest('SHA-256', new TextEncoder().encode(text));
-    return [...new Uint8Array(digest, 0, 16)].map((byte) => byte.toString(16).padStart(2, '0')).join('');
-  }
-  // browsers have no digests on a page without TLS
-  let hashes = [0x811c9dc5, 0x1234567];
-  for (const c of text) hashes = hashes.map((hash, at) => Math.imul(hash ^ (c.codePointAt(0) + at), 0x01000193) >>> 0);
-  return hashes.map((hash) => hash.toString(16)).join('') + text.length.toString(16);
-}
-
-async function start(what, metadata) {
-  const title = what.zip ? what.zip.name : what.pictures[0].path.split('/')[0];
-  const files = what.zip ? [{ path: what.zip.name, file: what.zip }] : what.pictures;
-  const bar = element('progress', { max: '1', value: '0', 'aria-label': `Progress of ${title}` });
-  const words = element('span', { class: 'soft' }, 'begins');
-  const pause = element('button', { type: 'button' }, 'Pause');
-  const stop = element('button', { type: 'button', class: 'danger' }, 'Remove');
-  const buttons = element('div', { class: 'buttons' }, pause, stop);
-  const line = element('div', { class: 'line' }, element('strong', {}, title), buttons);
-  const item = element('li', {}, line, bar, words);
-  by('uploads').prepend(item);
-  const end = (...shown) => { buttons.remove(); bar.remove(); words.replaceWith(...shown); };
-  const leave = (event) => { event.preventDefault(); };
-  window.addEventListener('beforeunload', leave);
-  try {
-    const total = files.reduce((sum, { file }) => sum + file.size, 0);
-    pause.hidden = !what.zip;
-    const blob = what.zip ?? await zipped(files, (read) => {
-      bar.value = read / Math.max(total, 1);
-      words.textContent = `reading ${bytes(read)} of ${bytes(total)}`;
-    });
-    pause.hidden = false;
-    const key = await fingerprint(files, metadata);
-    const began = performance.now();
-    let first = null;
-    const upload = new Upload(blob, { ...metadata, filename: what.zip ? title : `${title}.zip` }, key, ({ state, sent, detail }) => {
-      first ??= sent;
-      bar.value = sent / Math.max(blob.size, 1);
-      const rate = (sent - first) / (performance.now() - began) * 1000;
-      const left = rate > 0 ? `, about ${duration((blob.size - sent) / rate)} left` : '';
-      words.textContent = {
-        sending: `sent ${bytes(sent)} of ${bytes(blob.size)}${left}`,
-        checking: 'all is sent; the server checks it',
-        paused: `paused at ${bytes(sent)} of ${bytes(blob.size)}`,
-        waiting: detail,
-      }[state];
-    });
-    pause.addEventListener('click', () => {
-      upload.setPaused(!upload.isPaused);
-      pause.textContent = upload.isPaused ? 'Continue' : 'Pause';
-    });
-    stop.addEventListener('click', () => upload.remove());
-    const job = await upload.run();
-    if (job === null) return item.remove();
-    end(...await made(job, metadata));
-    by('said').textContent = `${title}: everything has arrived.`;
-  } catch (error) {
-    end(element('p', { class: 'error', role: 'alert' }, sentence(error.message)));
-  } finally {
-    window.removeEventListener('beforeunload', leave);
-  }
-}
-
-/** What became of an upload: a link, and for a scan how it was grouped. */
-async function made(job, metadata) {
-  if (metadata.purpose === 'scan') {
-    return [element('p', {}, 'Everything has arrived. ', element('a', { href: link(`/scans/${encodeURIComponent(metadata.scan)}`) }, `See the scan ${metadata.scan}`))];
-  }
-  const page = link(job.replace(/^.*\/v1(?=\/)/, ''));
-  const shown = [element('p', {}, 'Everything has arrived. ', element('a', { href: page }, metadata.purpose === 'calibration' ? 'See the calibration' : 'See the stack'))];
-  const { warnings = [] } = await json('GET', job).catch(() => ({}));
-  if (warnings.length) {
-    shown.push(element('ul', { class: 'warnings' }, ...warnings.map(({ detail }) => element('li', {}, sentence(detail)))));
-  }
-  return shown;
-}
-
-const wanted = new URLSearchParams(location.search).get('purpose');
+const asked = new URLSearchParams(location.search);
 for (const name of ['scan', 'rig', 'lens']) {
-  const given = new URLSearchParams(location.search).get(name);
-  if (given) by(name).value = given;
+  const given = asked.get(name);
+  if (given) { by(name).value = given; typed.add(name); }
 }
-const radio = form.querySelector(`input[name=purpose][value="${CSS.escape(wanted ?? '')}"]`);
-if (radio) radio.checked = true;
+const radio = form.querySelector(`input[name=purpose][value="${CSS.escape(asked.get('purpose') ?? '')}"]`);
+if (radio) { radio.checked = true; isPurposeChosen = true; }
+remembered(null);
 adapt();
+findProfile();

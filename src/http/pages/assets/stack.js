@@ -1,6 +1,7 @@
 // The page of one stack: its viewer, its progress, and its buttons.
-import { call, confirmed, json, link, tell } from './page.js';
+import { call, confirmed, element, json, link, tell } from './page.js';
 import { follow } from './live.js';
+import { measure } from './measure.js';
 import { Viewer } from './viewer.js';
 
 const state = document.getElementById('state');
@@ -32,7 +33,7 @@ by('delete')?.addEventListener('click', async () => {
   if (!await confirmed('Delete this stack, its results and the zip that was sent? This cannot be undone.', 'Delete')) return;
   await act(by('delete'), async () => {
     await call('DELETE', url);
-    location.assign(link('/'));
+    location.assign(link('/stacks'));
   });
 });
 
@@ -84,4 +85,38 @@ if (canvas) {
   by('closer').addEventListener('click', () => viewer.zoom(1.5));
   by('farther').addEventListener('click', () => viewer.zoom(1 / 1.5));
   choose();
+  const heights = by('relief-canvas')?.dataset.relief;
+  measure(viewer, {
+    spec: heights ? JSON.parse(heights) : null,
+    mmPerPx: Number(canvas.dataset.mmPerPx) || null,
+    tools: by('fit').parentElement,
+    told: readout.parentElement.insertBefore(element('p', { class: 'readout', id: 'values', role: 'status' }), readout.nextSibling),
+  });
+  const opener = by('relief');
+  if (opener && by('relief-place') && document.createElement('canvas').getContext('webgl2')) opener.hidden = false;
+  let shown;
+  const stretch = () => {
+    by('stretch-told').textContent = Number(by('stretch').value).toFixed(1);
+    shown.stretch(Number(by('stretch').value));
+  };
+  const colour = () => shown.colour(by('relief-colour').value).catch(() => { by('relief-told').textContent = 'The picture cannot be loaded: reload the page to try again.'; });
+  opener?.addEventListener('click', async () => {
+    const isOpen = by('relief-place').hidden;
+    by('relief-place').hidden = !isOpen;
+    opener.setAttribute('aria-expanded', String(isOpen));
+    if (!isOpen || shown) return;
+    by('relief-told').textContent = 'Loading the heights …';
+    try {
+      // only who opens it loads it
+      const { relief } = await import('./relief.js');
+      shown = await relief(by('relief-canvas'), scene, by('relief-told'));
+    } catch (error) {
+      by('relief-told').textContent = `${error.message[0].toUpperCase()}${error.message.slice(1)}.`;
+      return;
+    }
+    stretch();
+    by('stretch').addEventListener('input', stretch);
+    by('relief-colour').addEventListener('input', colour);
+    await colour();
+  });
 }

@@ -5,6 +5,8 @@ import { link, Refused } from './page.js';
 
 const PIECE = 16 * 1024 * 1024;
 const PAUSES_S = [1, 2, 5, 10, 20, 30];
+/** Between two looks whether the person has signed in again; a return to the page is looked at as well. */
+const SIGNED_OUT_S = 5;
 const PREFIX = 'pinstack-upload-';
 
 const base64 = (text) => btoa(String.fromCharCode(...new TextEncoder().encode(text)));
@@ -22,7 +24,7 @@ function keep(key, url) {
 export class Upload {
   constructor(blob, metadata, key, told) {
     Object.assign(this, { blob, metadata, key, told, sent: 0, isPaused: false, attempt: 0 });
-    window.addEventListener('online', () => this.wake?.());
+    for (const event of ['online', 'focus']) window.addEventListener(event, () => this.wake?.());
   }
 
   tell(state, detail) { this.told({ state, sent: this.sent, total: this.blob.size, detail }); }
@@ -47,6 +49,12 @@ export class Upload {
       } catch (error) {
         if (this.isPaused || this.isRemoved) { this.isUnsure = true; continue; }
         if (error.isGone) { keep(this.key, null); this.url = null; this.sent = 0; continue; }
+        if (error.status === 401) {
+          this.isUnsure = true;
+          this.tell('signed_out');
+          await this.wait(SIGNED_OUT_S);
+          continue;
+        }
         // the URL stays: once a right or a proxy is mended, the upload goes on; a refused one begins anew
         if (!isTemporary(error.status)) throw error;
         this.isUnsure = true;
@@ -59,7 +67,12 @@ export class Upload {
     const seconds = PAUSES_S[Math.min(this.attempt, PAUSES_S.length - 1)];
     this.attempt += 1;
     this.tell('waiting', `${error.message}; the next attempt is in ${seconds} s`);
-    await new Promise((resolve) => { this.wake = resolve; setTimeout(resolve, seconds * 1000); });
+    await this.wait(seconds);
+  }
+
+  /** Waits this long, or until something happens that may help. */
+  wait(seconds) {
+    return new Promise((resolve) => { this.wake = resolve; setTimeout(resolve, seconds * 1000); });
   }
 
   /** Finds how much has arrived, or begins a new upload. */
@@ -74,7 +87,7 @@ export class Upload {
         if (this.job === undefined && this.sent === this.blob.size) await this.piece();
         return;
       }
-      if (isTemporary(known.status)) throw known.error();
+      if (isTemporary(known.status) || [401, 403].includes(known.status)) throw known.error();
       this.url = null;
     }
     const metadata = Object.entries(this.metadata).map(([name, value]) => `${name} ${base64(value)}`).join(',');

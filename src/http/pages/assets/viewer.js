@@ -33,6 +33,20 @@ class Layer {
     return image;
   }
 
+  /** Red, green, blue and alpha at a point of the picture, as far as its tile is there; null otherwise. */
+  sample([x, y], scale) {
+    const coarsest = this.levels.length - 1;
+    const wanted = Math.max(0, Math.min(coarsest, Math.floor(Math.log2(1 / scale) + 0.01)));
+    const [columns, rows] = this.levels[wanted];
+    const [column, row] = [Math.floor((x * columns) / this.width), Math.floor((y * rows) / this.height)];
+    const image = this.kept.get(`${wanted}/${Math.floor(column / this.tile)}/${Math.floor(row / this.tile)}`);
+    if (!image?.complete || !image.naturalWidth) return null;
+    this.dot ??= new OffscreenCanvas(1, 1).getContext('2d', { willReadFrequently: true });
+    this.dot.clearRect(0, 0, 1, 1);
+    this.dot.drawImage(image, column % this.tile, row % this.tile, 1, 1, 0, 0, 1, 1);
+    return [...this.dot.getImageData(0, 0, 1, 1).data];
+  }
+
   /** Draws the part of the layer that is in view. Returns whether it is there: 'ready', 'loading' or 'failed'. */
   draw(context, view, width, height) {
     let state = 'ready';
@@ -162,6 +176,7 @@ export class Viewer {
     context.globalCompositeOperation = 'destination-over';
     this.backdrop(context);
     context.globalCompositeOperation = 'source-over';
+    this.over?.(context);
     const state = ['failed', 'loading'].find((one) => states.includes(one)) ?? 'ready';
     this.moved?.(this.view.scale / (window.devicePixelRatio || 1), state);
   }

@@ -69,7 +69,7 @@ fn slices(report: &CalibrationReport) -> String {
     let predicted = report.slices.iter().filter(|slice| slice.interpolated).count();
     let interpolated = if predicted > 0 { format!(", {predicted} of them interpolated") } else { String::new() };
     format!(
-        "{count} of {} × {} px{interpolated}<small>All are mapped to slice {}, the reference.</small>",
+        "{count} of {} × {} px{interpolated}<small>Numbered from 0; all are mapped to slice {}, the reference.</small>",
         report.width, report.height, report.reference_index
     )
 }

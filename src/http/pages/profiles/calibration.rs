@@ -5,6 +5,7 @@ use jiff::Timestamp;
 use maud::{Markup, html};
 use uuid::Uuid;
 
+use super::camera;
 use crate::{
     contract::{JobKind, artifact::REPORT},
     http::{
@@ -20,6 +21,7 @@ use crate::{
     },
     store::Job,
 };
+use pinstack_science::types::profile::ProfileInput;
 
 /// The page, or its state alone for the script that follows it (`?part=state`).
 ///
@@ -29,7 +31,11 @@ pub async fn page(State(app): State<App>, user: PageUser, JobId(id): JobId, uri:
     let mut pairs = params::pairs(&uri)?;
     let job = load(&app, id, JobKind::Calibration).await?;
     let queue = row::queue(&app, std::slice::from_ref(&job)).await?;
-    let state = state(&job, &queue);
+    let made = match of_calibration(&job).ok().and_then(|outcome| outcome.profile_revision) {
+        Some(revision) => app.store.metadata.profile_of_job(&job.rig, &job.lens, revision).await?,
+        None => None,
+    };
+    let state = state(&job, &queue, made.as_ref().map(|profile| &profile.input));
     if params::take(&mut pairs, "part").is_some() {
         return Ok(respond(state));
     }
@@ -51,7 +57,8 @@ pub async fn page(State(app): State<App>, user: PageUser, JobId(id): JobId, uri:
     }))
 }
 
-fn state(job: &Job, queue: &[Uuid]) -> Markup {
+/// The verdict, with the camera of the profile that the calibration made.
+fn state(job: &Job, queue: &[Uuid], made: Option<&ProfileInput>) -> Markup {
     let outcome = of_calibration(job).ok();
     html! {
         div data-state=(job.state.as_str()) {
@@ -66,6 +73,11 @@ fn state(job: &Job, queue: &[Uuid]) -> Markup {
                     p { a.button.main href=(link!("/v1/calibrations/{}/report", job.id)) { "Open the report" } }
                 }
                 @if let Some(revision) = outcome.profile_revision { p { "It is revision " (revision) " of the profile." } }
+                @match made {
+                    Some(input) if input.principal_distance_px().is_some() => { h2 { "Camera" } dl.facts { (camera::facts(input)) } }
+                    Some(_) => (camera::missing(&job.rig, &job.lens)),
+                    None => {}
+                }
             }
             @if !job.warnings.is_empty() {
                 h2 { "Warnings" }

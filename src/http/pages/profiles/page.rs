@@ -3,7 +3,7 @@
 use axum::{extract::State, response::Response};
 use maud::{Markup, html};
 
-use super::drift_plot;
+use super::{camera, drift_plot};
 use crate::{
     contract::{ProfileSummary, profile::Profile},
     http::{
@@ -32,17 +32,18 @@ pub async fn page(State(app): State<App>, user: PageUser, ProfileKey { rig, lens
     let drift = drift_plot::plot(&app, &rig, &lens, &numbers).await?;
     let title = format!("{rig} · {lens}");
     let export = link!("/v1/profiles/{rig}/{lens}/export");
-    let frame = Frame { title: &title, place: Place::Profiles, user: Some(&user), script: None };
+    let frame = Frame { title: &title, place: Place::Profiles, user: Some(&user), script: Some("profile.js") };
     Ok(frame.answer(html! {
         div.head {
             div { p.crumbs { a href=(link!("/profiles")) { "Profiles" } } h1 { (title) } }
             div.buttons {
-                a.button href=(link!("/?rig={rig}&lens={lens}")) { "Its stacks" }
+                a.button href=(link!("/stacks?rig={rig}&lens={lens}")) { "Its stacks" }
                 a.button href=(export) download { "Export" }
                 a.button href={ (export) "?format=npz" } download { "Arrays (npz)" }
             }
         }
         (facts(&profile))
+        (camera::section(&profile.input, &rig, &lens, user.profiles))
         (drift)
         h2 { "Revisions" }
         p.soft { "A revision never changes. Each stack names the one that it used." }
@@ -59,13 +60,8 @@ fn facts(profile: &Profile) -> Markup {
         }
         dl.facts {
             dt { "Revision" } dd { (profile.revision) ", " (date(profile.created_at)) " UTC" }
-            dt { "Slices" } dd { (input.homographies.len()) ", the reference is number " (input.reference_index) }
+            dt { "Slices" } dd { (input.homographies.len()) ", numbered from 0; the reference is slice " (input.reference_index) }
             dt { "Size" } dd { (input.image_width) " × " (input.image_height) " px" }
-            @if let Some(pitch) = input.pixel_pitch_mm { dt { "Pixel pitch" } dd { (pitch) " mm" } }
-            @if let Some(distance) = input.principal_distance_mm {
-                @let sigma = input.pupils.principal_distance_sigma_mm.map(|sigma| format!(" ± {sigma:.3}"));
-                dt { "Principal distance" } dd { (format!("{distance:.3}")) (sigma.unwrap_or_default()) " mm" }
-            }
             @if let Some(note) = &input.note { dt { "Note" } dd { (text(note)) } }
         }
     }

@@ -1,4 +1,4 @@
-//! What is known about a stack: warnings in words, files, numbers.
+//! What is known about a stack: files, numbers.
 
 use maud::{Markup, html};
 
@@ -8,44 +8,12 @@ use crate::{
         request::StackRequest,
     },
     http::pages::{
-        guide,
         stacks::row::angles,
-        words::{bytes, date, duration, sentence, text},
+        words::{bytes, date, duration, text},
     },
     store::Job,
 };
-use pinstack_science::types::metrics::{AlignmentMetrics, Severity};
-
-/// Warnings, and what else the metrics found.
-pub fn warnings(job: &Job, outcome: Option<&StackOutcome>) -> Markup {
-    let notes = outcome.map(|outcome| outcome.metrics.findings.as_slice()).unwrap_or_default();
-    let notes: Vec<_> = notes.iter().filter(|finding| finding.severity != Severity::Warning).collect();
-    html! {
-        @if !job.warnings.is_empty() {
-            section {
-                h2 { "Warnings" }
-                ul.warnings {
-                    @for warning in &job.warnings { li { (sentence(&warning.detail)) " " (explained(warning.code.as_str())) } }
-                }
-            }
-        }
-        @if !notes.is_empty() {
-            section {
-                h2 { "Notes" }
-                ul { @for note in notes { li { (sentence(&note.detail)) " " (explained(note.code.as_str())) } } }
-            }
-        }
-    }
-}
-
-/// The code of a warning, with a link to what the guide says about it.
-fn explained(code: &str) -> Markup {
-    let shown = html! { code { (text(code)) } };
-    match guide::explanation(code) {
-        Some(href) => html! { a href=(href) { (shown) } },
-        None => shown,
-    }
-}
+use pinstack_science::types::metrics::AlignmentMetrics;
 
 /// The files.
 pub fn files(job: &Job, outcome: Option<&StackOutcome>) -> Markup {

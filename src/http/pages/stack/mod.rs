@@ -2,7 +2,9 @@
 
 pub mod actions;
 pub mod facts;
+pub mod findings;
 pub mod page;
 pub mod plots;
+pub mod relief;
 pub mod tiles;
 pub mod viewer;

@@ -10,7 +10,7 @@ use jiff::Timestamp;
 use maud::{Markup, html};
 use uuid::Uuid;
 
-use super::{actions, facts, plots, tiles::slices_shown, viewer};
+use super::{actions, facts, findings::Findings, plots, relief, tiles::slices_shown, viewer};
 use crate::{
     contract::{JobKind, JobState, request::JobRequest},
     http::{
@@ -21,6 +21,7 @@ use crate::{
         job_resource::{load, not_found},
         pages::{
             frame::{Frame, PageUser, Place},
+            profiles::camera,
             stacks::row,
             words::{sentence, text},
         },
@@ -57,20 +58,28 @@ pub async fn page(
     let slices = slices_shown(&app, &job);
     let name = row::name(&job);
     let reference = app.store.metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
+    let mm_per_px = reference.as_ref().and_then(|profile| relief::mm_per_px(&profile.input));
     let reference = reference.map(|profile| profile.input.reference_index as usize);
+    let current = app.store.metadata.profile(&job.rig, &job.lens, None).await?.map(|profile| profile.input);
+    let findings = Findings::of(&app, &job, request, &user).await?;
     let frame = Frame { title: &name, place: Place::Stacks, user: Some(&user), script: Some("stack.js") };
     Ok(frame.answer(html! {
         div.head {
             div {
-                p.crumbs { a href=(link!("/")) { "Stacks" } }
+                p.crumbs { a href=(link!("/stacks")) { "Stacks" } }
                 h1 { (text(&name)) }
             }
             (actions::buttons(&job, &user))
         }
         p id="told" role="alert" {}
         div id="state" data-stack=(id) { (state) }
-        @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, slices, other.as_ref())) }
-        (facts::warnings(&job, outcome))
+        (findings.serious())
+        @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, slices, other.as_ref(), mm_per_px)) }
+        @if let Some(outcome) = outcome {
+            (camera::missing_in_results(current.as_ref(), outcome.image.intrinsics.is_some(), &job.rig, &job.lens,
+                "“Fuse again with other options” with the current revision gives it to the image"))
+        }
+        (findings.notes())
         (actions::rerun(&job, &user))
         @if let Some(outcome) = outcome { (plots::plots(&outcome.metrics, reference)) }
         div.columns {

@@ -67,6 +67,7 @@ pub fn plots(metrics: &Metrics, reference: Option<usize>) -> Markup {
     html! {
         section {
             h2 { "Slices" }
+            p.soft.small { "Slices are numbered from 0, in the order in which they are fused." }
             @if !named.is_empty() {
                 p.soft.small { "Bands mark slices that a warning names: "
                     @for (at, (slice, codes)) in named.iter().enumerate() {

@@ -95,7 +95,7 @@ impl Picture {
 /// are not shown: each would fetch the directory of the zip and the slice from the bucket again.
 pub fn slices_shown(app: &App, job: &Job) -> usize {
     let is_here = !job.upload_removed && app.store.blobs.is_local() && outcome::of_stack(job).is_ok();
-    if is_here { job.request.layout().front.len() } else { 0 }
+    if is_here { job.request.layout().map_or(0, |layout| layout.front.len()) } else { 0 }
 }
 
 /// The endpoint.

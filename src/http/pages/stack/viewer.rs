@@ -3,7 +3,10 @@
 use maud::{Markup, html};
 use serde::Serialize;
 
-use super::tiles::{LIGHT, SLICE};
+use super::{
+    relief,
+    tiles::{LIGHT, SLICE},
+};
 use crate::{
     contract::{
         artifact::{StackArtifact, light_of},
@@ -67,7 +70,7 @@ fn layers(job: &Job, outcome: &StackOutcome, prefix: &str) -> Vec<Layer> {
 /// The slices of a stack, warped to the reference slice, from the one that is fused first.
 fn slices(job: &Job, outcome: &StackOutcome, count: usize) -> impl Iterator<Item = Layer> {
     (0..count).map(move |index| Layer {
-        name: format!("Slice {} of {count}, aligned", index + 1),
+        name: format!("Slice {index} of 0 to {}, aligned", count.saturating_sub(1)),
         tiles: link!("/stacks/{}/tiles/{SLICE}{index}", job.id),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         width: outcome.image.width,
@@ -75,9 +78,17 @@ fn slices(job: &Job, outcome: &StackOutcome, count: usize) -> impl Iterator<Item
     })
 }
 
-/// The viewer of a stack, with `slices_shown` of its slices; `other` is a stack to compare with.
-pub fn viewer(job: &Job, outcome: &StackOutcome, slices_shown: usize, other: Option<&Job>) -> Markup {
+/// The viewer of a stack, with `slices_shown` of its slices; `other` is a stack to compare with, `mm_per_px` the size
+/// of a pixel in the object, where it is known.
+pub fn viewer(
+    job: &Job,
+    outcome: &StackOutcome,
+    slices_shown: usize,
+    other: Option<&Job>,
+    mm_per_px: Option<f64>,
+) -> Markup {
     let mut all = layers(job, outcome, "");
+    let relief = relief::section(job, outcome, all.iter().map(|layer| layer.name.as_str()), mm_per_px);
     all.extend(slices(job, outcome, slices_shown));
     let own = all.len();
     if let Some((other, outcome)) = other.and_then(|other| Some((other, of_stack(other).ok()?))) {
@@ -106,13 +117,15 @@ pub fn viewer(job: &Job, outcome: &StackOutcome, slices_shown: usize, other: Opt
                     button type="button" id="full" { "1 : 1" }
                     button type="button" id="closer" aria-label="Closer" { "+" }
                     button type="button" id="farther" aria-label="Farther" { "−" }
+                    button type="button" id="relief" aria-expanded="false" aria-controls="relief-place" hidden { "Relief" }
                 }
             }
             div.viewer {
-                canvas id="viewer" tabindex="0" role="img" data-scene=(scene) data-own=(own)
-                    aria-label={ "Picture of " (width) " by " (height) " pixels. Arrow keys move it, plus and minus zoom, 0 shows all of it, 1 shows every pixel." } {}
+                canvas id="viewer" tabindex="0" role="img" data-scene=(scene) data-own=(own) data-mm-per-px=[mm_per_px]
+                    aria-label={ "Picture of " (width) " by " (height) " pixels. Arrow keys move it, plus and minus zoom, 0 shows all of it, 1 shows every pixel. With values and lengths on, M sets the ends of a length in the middle." } {}
             }
             p.readout id="readout" { (width) " × " (height) " px" }
+            (relief)
         }
     }
 }

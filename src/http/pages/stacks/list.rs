@@ -1,4 +1,4 @@
-//! `/`: the stacks, newest first. The filter and the position are in the URL.
+//! `/stacks`: the stacks, newest first. The search, the filter and the position are in the URL.
 //!
 //! A script of the page asks for the rows again (`?part=rows`) while something is in progress: one request for the
 //! whole page, whatever the number of stacks, answered with 304 when nothing changed.
@@ -12,9 +12,9 @@ use jiff::Timestamp;
 use maud::{Markup, html};
 use sha2::{Digest, Sha256};
 
-use super::row;
+use super::{row, search};
 use crate::{
-    contract::{JobKind, JobState},
+    contract::JobKind,
     http::{
         ApiResult, App,
         auth::Caller,
@@ -54,19 +54,20 @@ pub async fn list(
     if rows_alone {
         return Ok(fragment(&headers, rows));
     }
+    let found = app.store.metadata.found(&filter).await?;
     let frame = Frame { title: "Stacks", place: Place::Stacks, user: Some(&user), script: Some("list.js") };
     Ok(frame.answer(html! {
         div.head {
-            div { h1 { "Stacks" } }
+            div { h1 { "Stacks" } p.soft { (search::numbers(&found)) } }
             @if user.stacks { a.button.main href=(link!("/send")) { "Send a stack" } }
         }
-        (filters(&filter))
+        (search::form(&pairs, &found))
         @if page.items.is_empty() && page.skipped.is_empty() {
             (empty(&filter, is_first, &user))
         }
         div id="rows" { (rows) }
         p.soft id="told" role="status" {}
-        (pager(&link!("/"), &pairs, is_first, page.next_cursor.as_deref()))
+        (pager(&link!("/stacks"), &pairs, is_first, page.next_cursor.as_deref()))
     }))
 }
 
@@ -94,43 +95,6 @@ fn fragment(headers: &HeaderMap, rows: Markup) -> Response {
     (common, [(header::CONTENT_TYPE, "text/html; charset=utf-8")], rows).into_response()
 }
 
-fn filters(filter: &JobFilter) -> Markup {
-    let state = |state: JobState| match state {
-        JobState::Queued => "waiting",
-        JobState::Running => "running",
-        JobState::Succeeded => "done",
-        JobState::Failed => "failed",
-        JobState::Cancelled => "cancelled",
-    };
-    let names = [("rig", "Rig", &filter.rig), ("lens", "Lens", &filter.lens), ("scan", "Scan", &filter.scan)];
-    let is_set = filter.state.is_some() || names.iter().any(|(.., value)| value.is_some());
-    html! {
-        form.filters method="get" action=(link!("/")) role="search" aria-label="Filter the stacks" {
-            div.fields {
-                div {
-                    label for="state" { "State" }
-                    select id="state" name="state" {
-                        option value="" { "all" }
-                        @for one in JobState::ALL {
-                            option value=(one.as_str()) selected[filter.state == Some(one)] { (state(one)) }
-                        }
-                    }
-                }
-                @for (id, label, value) in names {
-                    div {
-                        label for=(id) { (label) }
-                        input id=(id) name=(id) value=[value.as_ref().map(|name| name.as_str())] autocomplete="off" spellcheck="false";
-                    }
-                }
-                div.buttons {
-                    button type="submit" { "Filter" }
-                    @if is_set { a href=(link!("/")) { "Show all" } }
-                }
-            }
-        }
-    }
-}
-
 fn empty(filter: &JobFilter, is_first: bool, user: &PageUser) -> Markup {
     let is_all = JobFilter { kind: filter.kind, owner: filter.owner, ..JobFilter::default() } == *filter;
     html! {
@@ -142,7 +106,7 @@ fn empty(filter: &JobFilter, is_first: bool, user: &PageUser) -> Markup {
                 @if user.stacks { p { a.button.main href=(link!("/send")) { "Send pictures" } } }
             } @else {
                 p.lead { "No stack matches." }
-                p { a href=(link!("/")) { "Show all stacks" } }
+                p { a href=(link!("/stacks")) { "Show all stacks" } }
             }
         }
     }

@@ -1,5 +1,6 @@
-//! The list of stacks, with thumbnails, and its rows.
+//! The list of stacks, with thumbnails, its rows and its search.
 
 pub mod list;
 pub mod row;
+pub mod search;
 pub mod thumbnail;

@@ -8,10 +8,10 @@ use uuid::Uuid;
 
 use super::thumbnail;
 use crate::{
-    contract::{JobKind, JobState, Priority, options::StackOptions, request::JobRequest},
+    contract::{JobKind, JobState, Priority, options::StackOptions, request::JobRequest, verdict::explained},
     http::{
         App,
-        pages::words::{ago, count, duration, ordinal, sentence, state, text},
+        pages::words::{ago, count, duration, ordinal, phrase, sentence, state, text, verdict},
     },
     store::{Job, StoreResult},
 };
@@ -36,7 +36,7 @@ pub async fn queue(app: &App, jobs: &[Job]) -> StoreResult<Vec<Uuid>> {
 pub fn options(job: &Job) -> Option<&StackOptions> {
     match &job.request {
         JobRequest::Stack(request) => Some(&request.options),
-        JobRequest::Calibration(_) => None,
+        JobRequest::Calibration(_) | JobRequest::Reconstruction(_) => None,
     }
 }
 
@@ -49,9 +49,19 @@ pub fn name(job: &Job) -> String {
     let kind = match job.request.kind() {
         JobKind::Stack => "Stack",
         JobKind::Calibration => "Calibration",
+        JobKind::Reconstruction => "Reconstruction",
     };
     let id = job.id.simple().to_string();
     label.or(scan).or(file).unwrap_or_else(|| format!("{kind} {}", id.get(24..).unwrap_or_default()))
+}
+
+/// URL of the page of a job.
+fn page(job: &Job) -> String {
+    match &job.request {
+        JobRequest::Stack(_) => link!("/stacks/{}", job.id),
+        JobRequest::Calibration(_) => link!("/calibrations/{}", job.id),
+        JobRequest::Reconstruction(request) => link!("/scans/{}", request.scan),
+    }
 }
 
 /// Pan and tilt, as far as they are known.
@@ -67,7 +77,7 @@ pub fn row(job: &Job, queue: &[Uuid], now: Timestamp) -> Markup {
         li id={ "job-" (job.id) } data-state=(job.state.as_str()) {
             (thumbnail::picture(job))
             div.what {
-                a.name href=(link!("/stacks/{}", job.id)) { (text(&name(job))) }
+                a.name href=(page(job)) { (text(&name(job))) }
                 div.meta {
                     (job.rig) " · " (job.lens)
                     @if let Some(scan) = job.request.scan() {
@@ -78,10 +88,10 @@ pub fn row(job: &Job, queue: &[Uuid], now: Timestamp) -> Markup {
                 }
                 @if let Some(error) = &job.error {
                     p.bad { (sentence(&error.detail)) }
-                } @else if let Some(first) = job.warnings.first() {
-                    p.warn {
-                        span aria-hidden="true" { "! " } (sentence(&first.detail))
-                        @if job.warnings.len() > 1 { " And " (count(job.warnings.len() - 1, "more warning", "more warnings")) "." }
+                } @else if let Some(worst) = explained(&job.warnings, &[]).first() {
+                    p.found {
+                        (phrase(&worst.explanation)) "."
+                        @if job.warnings.len() > 1 { " " span.soft { "And " (count(job.warnings.len() - 1, "more warning", "more warnings")) "." } }
                     }
                 }
             }
@@ -93,7 +103,10 @@ pub fn row(job: &Job, queue: &[Uuid], now: Timestamp) -> Markup {
 /// State, progress, time left or place in the queue.
 pub fn how(job: &Job, queue: &[Uuid], now: Timestamp) -> Markup {
     html! {
-        (state(job.state))
+        @match job.verdict() {
+            Some(found) => (verdict(found)),
+            None => (state(job.state)),
+        }
         @match job.state {
             JobState::Running => {
                 progress max="1" value=(format!("{:.3}", job.progress.fraction)) aria-label="Progress" {}

@@ -50,7 +50,10 @@ pub(super) fn convert(path: &Path, file: &File, format: FileFormat) -> anyhow::R
     match format {
         FileFormat::Tiff => codec::encode_tiff(&mut out, &raster, &metadata)?,
         FileFormat::Jpeg => codec::write_jpeg(&mut out, &raster, &metadata, JPEG_QUALITY)?,
-        FileFormat::Png | FileFormat::Json => codec::encode_png(&mut out, &raster, &metadata)?,
+        // only pictures are converted
+        FileFormat::Png | FileFormat::Json | FileFormat::Ply | FileFormat::Glb | FileFormat::Zip | FileFormat::Text => {
+            codec::encode_png(&mut out, &raster, &metadata)?
+        }
     }
     out.flush()?;
     drop(out);

@@ -68,6 +68,7 @@ CAUSES: Dict[str, Cause] = {
     "invalid_poses": Cause.STACK,
     "target_not_found": Cause.STACK,
     "mask_failed": Cause.STACK,
+    "reconstruction_failed": Cause.ELSEWHERE,
     "worker_lost": Cause.ELSEWHERE,
     "unavailable": Cause.ELSEWHERE,
     "internal": Cause.ELSEWHERE,

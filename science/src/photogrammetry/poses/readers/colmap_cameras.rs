@@ -17,8 +17,40 @@ const MODELS: &str = "SIMPLE_PINHOLE PINHOLE SIMPLE_RADIAL RADIAL OPENCV OPENCV_
 const FOCAL_LENGTHS: [usize; 18] = [1, 2, 1, 1, 2, 2, 2, 2, 1, 1, 2, 2, 1, 2, 1, 2, 2, 0];
 const PARAMETERS: [usize; 18] = [3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16, 4, 5, 3, 4, 6, 2];
 
+/// A camera of a file.
+pub(super) struct Record {
+    pub id: u32,
+    /// Index of its model.
+    model: usize,
+    /// Width and height, px.
+    pub size: [u64; 2],
+    /// As many as its model has.
+    pub parameters: Vec<f64>,
+}
+
+impl Record {
+    /// Name of its model.
+    pub(super) fn model(&self) -> &'static str {
+        MODELS.split_ascii_whitespace().nth(self.model).unwrap_or("unknown")
+    }
+
+    /// The mean of its focal lengths. Cameras of this service have square pixels.
+    fn focal_length(&self) -> Option<f64> {
+        let count = FOCAL_LENGTHS[self.model];
+        (count > 0).then(|| self.parameters[..count].iter().sum::<f64>() / count as f64)
+    }
+}
+
 /// Adds the cameras of the file `name`.
 pub(super) fn read(name: &str, bytes: &[u8], found: &mut Found) -> Result<(), Error> {
+    for record in records(name, bytes, |record| record.focal_length().is_some())? {
+        found.camera(record.id.to_string(), record.focal_length().unwrap_or_default());
+    }
+    Ok(())
+}
+
+/// The cameras of the file `name`, which must all be `usable`.
+pub(super) fn records(name: &str, bytes: &[u8], usable: impl Fn(&Record) -> bool) -> Result<Vec<Record>, Error> {
     let mut rest = Rest { bytes, at: 0 };
     // a file that is not text is a damaged camera, and so is one that ends before the number of its cameras
     let text = str::from_utf8(bytes).unwrap_or("?").trim_start_matches('\u{feff}');
@@ -30,38 +62,32 @@ pub(super) fn read(name: &str, bytes: &[u8], found: &mut Found) -> Result<(), Er
             "{name}: {count} cameras; a scan has at most {MAX_VIEWS} views, each with one camera"
         )));
     }
-    for at in 1..=count {
+    let camera = |at: u64| {
         let camera = if is_binary { of_record(&mut rest) } else { lines.next().and_then(of_line) };
-        let (id, focal_px) = camera.ok_or_else(|| {
+        camera.filter(&usable).ok_or_else(|| {
             invalid(format!(
                 "{name}: camera {at} of {count} is damaged, or its model is not known here or has no focal length; send the \
                  file of the images alone, and give focal_px"
             ))
-        })?;
-        found.camera(id.to_string(), focal_px);
-    }
-    Ok(())
+        })
+    };
+    (1..=count).map(camera).collect()
 }
 
-fn of_line(line: &str) -> Option<(u32, f64)> {
+fn of_line(line: &str) -> Option<Record> {
     let mut words = line.split_ascii_whitespace();
     let (id, name) = (words.next()?.parse().ok()?, words.next()?);
-    let model = MODELS.split(' ').position(|known| known == name)?;
-    Some((id, focal_length(model, words.skip(2).map(|word| word.parse().ok()))?))
+    let model = MODELS.split_ascii_whitespace().position(|known| known == name)?;
+    let size = [words.next()?.parse().ok()?, words.next()?.parse().ok()?];
+    let parameters: Vec<f64> =
+        words.take(PARAMETERS[model] + 1).map(|word| word.parse().ok()).collect::<Option<_>>()?;
+    (parameters.len() == PARAMETERS[model]).then_some(Record { id, model, size, parameters })
 }
 
-fn of_record(rest: &mut Rest<'_>) -> Option<(u32, f64)> {
+fn of_record(rest: &mut Rest<'_>) -> Option<Record> {
     let id = u32::from_le_bytes(rest.take()?);
     let model = u32::from_le_bytes(rest.take()?) as usize;
-    rest.take::<16>()?;
+    let size = [u64::from_le_bytes(rest.take()?), u64::from_le_bytes(rest.take()?)];
     let parameters = (0..*PARAMETERS.get(model)?).map(|_| rest.numbers().map(|[number]| number));
-    Some((id, focal_length(model, parameters)?))
-}
-
-/// The mean of the focal lengths of a camera. Cameras of this service have square pixels.
-fn focal_length(model: usize, parameters: impl Iterator<Item = Option<f64>>) -> Option<f64> {
-    let parameters: Vec<f64> = parameters.take(PARAMETERS[model] + 1).collect::<Option<_>>()?;
-    let count = FOCAL_LENGTHS[model];
-    let is_whole = parameters.len() == PARAMETERS[model] && count > 0;
-    is_whole.then(|| parameters[..count].iter().sum::<f64>() / count as f64)
+    Some(Record { id, model, size, parameters: parameters.collect::<Option<_>>()? })
 }

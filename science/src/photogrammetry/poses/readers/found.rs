@@ -17,6 +17,8 @@ pub(super) struct Found {
     pub unregistered: Vec<String>,
     /// The focal length of each registered view whose camera has one, px.
     pub focal_px: Vec<f64>,
+    /// The id of the camera of each registered view.
+    pub camera_ids: Vec<String>,
     /// Focal lengths of the cameras by their ids, px.
     cameras: HashMap<String, f64>,
 }
@@ -47,6 +49,7 @@ impl Found {
         }
         self.poses.push(pose);
         self.focal_px.extend(self.cameras.get(camera));
+        self.camera_ids.push(camera.to_owned());
         Ok(())
     }
 

@@ -3,6 +3,7 @@
 mod alicevision;
 mod colmap_binary;
 mod colmap_cameras;
+mod colmap_model;
 mod colmap_text;
 mod csv;
 mod found;
@@ -18,6 +19,7 @@ use crate::{
     archive::{self, ArchiveLimits},
     types::{Error, ErrorKind},
 };
+pub use colmap_model::colmap_views;
 use found::Found;
 
 /// The files of a COLMAP model that are read. Binary files come first, because they are exact.

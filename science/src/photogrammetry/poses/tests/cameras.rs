@@ -196,3 +196,45 @@ fn more_cameras_than_a_scan_has_views_are_refused() {
         assert!(detail.contains("cameras; a scan has at most 10000 views"), "{detail}");
     }
 }
+
+#[test]
+fn a_colmap_model_gives_each_view_its_camera() {
+    let (poses, images) = (poses(), colmap_text(&poses()));
+    let radial = [1000.0, 405.0, 270.0, 0.1, 0.2];
+    let other = camera_line(5, ("PINHOLE", &[7.0; 4]));
+    let text = format!("# Camera list\n{other}{}", camera_line(1, ("RADIAL", &radial)));
+    let binary = [&1_u64.to_le_bytes()[..], &camera_record(1, 3, &radial)].concat();
+    let binary_images = colmap_binary(&poses);
+    for (images, cameras) in [
+        (("images.txt", images.as_bytes()), ("cameras.txt", text.as_bytes())),
+        (("images.bin", &binary_images[..]), ("cameras.bin", &binary[..])),
+    ] {
+        let views = colmap_views(images, cameras).expect("views");
+        assert_eq!(views.len(), poses.len());
+        for ((name, camera), pose) in views.iter().zip(&poses) {
+            assert_eq!(*name, pose.name);
+            assert!((0..3).all(|axis| (camera.centre[axis] - pose.centre[axis]).abs() < 1e-4));
+            assert_eq!((camera.focal_px, camera.principal_point_px), ([1000.0; 2], [404.5, 269.5]));
+            assert_eq!((camera.radial, camera.size), ([0.1, 0.2], [810, 540]));
+            let rotation = pose.rotation.expect("known");
+            assert!((0..9).all(|at| (camera.rotation[at / 3][at % 3] - rotation[at / 3][at % 3]).abs() < 1e-4));
+        }
+    }
+}
+
+#[test]
+fn cameras_that_are_no_pinholes_with_radial_distortion_are_refused() {
+    let images = colmap_text(&poses());
+    let refused = |camera: (&str, &[f64]), id: u32| {
+        let cameras = camera_line(id, camera);
+        let views = colmap_views(("images.txt", images.as_bytes()), ("cameras.txt", cameras.as_bytes()));
+        views.expect_err("a refusal").detail
+    };
+    for at in [5, 6, 7] {
+        assert!(refused(MODELS[at], 1).contains("run colmap image_undistorter"), "{:?}", MODELS[at]);
+    }
+    assert!(refused(MODELS[4], 1).contains("run colmap image_undistorter"), "tangential distortion");
+    assert!(refused(MODELS[0], 2).starts_with("images.txt: camera 1 of '"));
+    assert!(refused(("SIMPLE_PINHOLE", &[-5.0, 1.0, 1.0]), 1).contains("not positive"));
+    assert!(refused(("SIMPLE_PINHOLE", &[5.0, f64::NAN, 1.0]), 1).contains("not finite"));
+}

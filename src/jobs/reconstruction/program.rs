@@ -1,0 +1,62 @@
+//! COLMAP on this machine: where it is, and what a run may use.
+
+use std::{
+    env, fs,
+    os::unix::fs::PermissionsExt,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+/// Name of the program in `PATH`.
+const NAME: &str = "colmap";
+
+/// How to install it, for people.
+pub const INSTALL: &str = "install it (Debian and Ubuntu: apt-get install colmap; macOS: brew install colmap), or give its path in the setting \
+     'colmap', and start the server again";
+
+/// COLMAP, and the limits of its runs.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Colmap {
+    /// Path of the program.
+    pub program: PathBuf,
+    /// Longest time of one reconstruction.
+    pub most_time: Duration,
+    /// Most memory that it may use, bytes.
+    pub most_memory: u64,
+}
+
+/// The program: that of the setting, or else the first one in `PATH`. `None` when there is no such file, or it is not
+/// executable.
+pub fn find(setting: Option<&Path>) -> Option<PathBuf> {
+    match setting {
+        Some(path) => Some(path.to_owned()).filter(|path| is_program(path)),
+        None => in_path(NAME),
+    }
+}
+
+/// The first program of this name in `PATH`.
+pub(super) fn in_path(name: &str) -> Option<PathBuf> {
+    let folders = env::var_os("PATH")?;
+    env::split_paths(&folders).map(|folder| folder.join(name)).find(|path| is_program(path))
+}
+
+fn is_program(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_an_executable_file_is_a_program() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("colmap");
+        assert_eq!(find(Some(&file)), None);
+        fs::write(&file, "#!/bin/sh\n").expect("a file");
+        assert_eq!(find(Some(&file)), None);
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).expect("a mode");
+        assert_eq!(find(Some(&file)), Some(file));
+        assert_eq!(find(Some(folder.path())), None);
+    }
+}

@@ -1,0 +1,74 @@
+//! A process that is killed while COLMAP runs: the next one continues, and nothing of the first is left.
+
+use std::{fs, os::unix::fs::PermissionsExt, path::Path};
+
+use rustix::process::Signal;
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::{
+    input::{profile, zip},
+    service::{LOOK, Service, command, verified},
+};
+
+/// Hangs the first time, then finds nothing.
+fn program(folder: &Path) -> String {
+    let (path, mark) = (folder.join("colmap"), folder.join("number"));
+    let mark = mark.display();
+    let text = format!(
+        "#!/bin/sh\ncase \"$1\" in\nhelp) echo 'COLMAP 3.8 -- ' ;;\nmapper)\n\
+         if [ -e {mark} ]; then echo 'No good initial image pair found'; exit 1; fi\n\
+         echo $$ > {mark}.new; mv {mark}.new {mark}; exec sleep 1000 ;;\nesac\n"
+    );
+    fs::write(&path, text).expect("a script");
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).expect("a mode");
+    path.display().to_string()
+}
+
+/// Asks until the job has ended.
+async fn ended(client: &reqwest::Client, url: &str) -> Value {
+    loop {
+        let asked = client.get(url).header("prefer", "wait=20").send().await.expect("an answer");
+        let job: Value = asked.json().await.expect("JSON");
+        if job["finished_at"].is_string() {
+            return job;
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_reconstruction_whose_process_is_killed_is_run_again_and_its_program_ends() {
+    let folder = TempDir::new().expect("a folder");
+    let (data, colmap) = (folder.path().join("data"), program(folder.path()));
+    let more = ["--colmap", colmap.as_str()];
+    let mut first = Service::start(&data, None, &more).await.expect("it listens");
+    let client = reqwest::Client::builder().no_proxy().build().expect("a client");
+    let url = first.url.clone();
+    let put =
+        async |path: &str, body: &Value| client.put(format!("{url}{path}")).json(body).send().await.expect("sent");
+    put("/v1/profiles/rig/lens", &profile()).await;
+    put("/v1/scans/bee", &serde_json::json!({ "rig": "rig", "lens": "lens" })).await;
+    let posted =
+        client.post(format!("{url}/v1/stacks?rig=rig&lens=lens&scan=bee")).body(zip()).send().await.expect("sent");
+    let stack = posted.headers()["location"].to_str().expect("a path").to_owned();
+    assert_eq!(ended(&client, &format!("{url}{stack}")).await["state"], "succeeded");
+    let posted = client.post(format!("{url}/v1/scans/bee/reconstructions")).send().await.expect("sent");
+    let job = posted.headers()["location"].to_str().expect("a path").to_owned();
+    let mark = folder.path().join("number");
+    while !mark.exists() {
+        tokio::time::sleep(LOOK).await;
+    }
+    let number = fs::read_to_string(&mark).expect("a number").trim().to_owned();
+    first.signal(Signal::KILL);
+    first.ended().await;
+
+    let second = Service::start(&data, None, &more).await.expect("it listens");
+    let made = ended(&client, &format!("{}{job}", second.url)).await;
+    assert_eq!((made["state"].as_str(), made["attempt"].as_u64()), (Some("succeeded"), Some(2)), "{made}");
+    assert_eq!(made["result"]["findings"][0]["code"], "no_model", "{made}");
+    // the system killed it with its parent
+    let status = fs::read_to_string(format!("/proc/{number}/stat")).unwrap_or_default();
+    assert!(status.is_empty() || status.contains(") Z "), "the program of the first process lives: {status}");
+    second.stop().await;
+    verified(|arguments| command(&data, arguments));
+}
