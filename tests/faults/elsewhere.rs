@@ -4,10 +4,10 @@ use std::path::Path;
 
 use pinstack_science::{
     archive,
-    imaging::codec,
-    synth::{DotTarget, Rig, target_stack},
+    imaging::{Raster, codec},
+    synth::{DotTarget, Light, Rig, Scene, Stage, target_stack},
 };
-use serde_json::Value;
+use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use crate::{
@@ -96,7 +96,10 @@ async fn unpublished_results_are_removed_although_garbage_collection_was_killed(
 
 fn target() -> Vec<u8> {
     let rig = Rig::sized(240, 180, 5);
-    let slices = target_stack(&rig, &DotTarget::for_rig(&rig, 12));
+    packed(&target_stack(&rig, &DotTarget::for_rig(&rig, 12)))
+}
+
+fn packed(slices: &[Raster]) -> Vec<u8> {
     let members = slices.iter().enumerate().map(|(i, s)| (format!("{i}.jpg"), codec::encode_jpeg(s, 95)));
     let file = tempfile::NamedTempFile::new().expect("a file");
     archive::pack(file.reopen().expect("a file"), members).expect("a zip");
@@ -110,7 +113,7 @@ async fn a_calibration_makes_one_revision_wherever_it_is_killed_or_the_disk_beco
             for fault in ["kill", "full"] {
                 let armed = format!("{step}={time}*off->1*return({fault})->off");
                 let mut story = Story::begin(&armed).await;
-                let job = story.calibrate(target()).await.expect("accepted before anything breaks");
+                let job = story.calibrate("", target()).await.expect("accepted before anything breaks");
                 let ended = loop {
                     if let Ok(ended) = story.ended(&job).await {
                         break ended;
@@ -122,6 +125,42 @@ async fn a_calibration_makes_one_revision_wherever_it_is_killed_or_the_disk_beco
                 assert_eq!(revisions[0]["calibration_id"], ended["id"], "{armed}");
                 story.end().await;
             }
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_calibration_by_a_stored_stack_makes_one_revision_wherever_it_is_killed() {
+    let rig = Rig { softness_px: 0.5, ..Rig::sized(420, 280, 5) };
+    let stage = Stage::new(&rig, &Scene::weave(1));
+    let slices: Vec<Raster> = (0..rig.slices()).map(|i| stage.render(Light::Front, i)).collect();
+    let homographies = vec![json!([1, 0, 0, 0, 1, 0, 0, 0, 1]); slices.len()];
+    let profile =
+        json!({ "image_width": 420, "image_height": 280, "reference_index": 0, "homographies": homographies });
+    // the first end of a job is that of the stack
+    for (step, times) in [(CALIBRATION, 0..2), ("rows.finish", 1..3)] {
+        for time in times {
+            let armed = format!("{step}={time}*off->1*return(kill)->off");
+            let mut story = Story::begin(&armed).await;
+            story.sends(packed(&slices));
+            story.put_profile(&profile).await.expect("a profile");
+            let stack = story.post("a").await.expect("a stack");
+            while story.ended(&stack).await.is_err() {}
+            let id = stack.rsplit('/').next().expect("an id");
+            let named = json!({ "stacks": [id] }).to_string().into_bytes();
+            let job = story.calibrate("?source=stacks", named).await.expect("accepted before anything breaks");
+            let ended = loop {
+                if let Ok(ended) = story.ended(&job).await {
+                    break ended;
+                }
+            };
+            assert_eq!(ended["state"], "succeeded", "{armed}: {ended}");
+            assert!(!story.broke.is_empty(), "{armed}: nothing was killed");
+            let revisions: Value = story.revisions().await.expect("a list");
+            assert_eq!(revisions.as_array().map(Vec::len), Some(2), "{armed}: {revisions}");
+            story.image(&stack).await.expect("the stack keeps its image");
+            story.upload(&stack).await.expect("the stack keeps its zip");
+            story.end().await;
         }
     }
 }

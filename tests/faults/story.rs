@@ -1,6 +1,7 @@
 //! A client of the service that remembers what was acknowledged to it. When the service dies, it repeats its request,
 //! as clients do, and verifies that everything acknowledged still holds.
 
+mod calibrations;
 mod uploads;
 
 use std::{
@@ -177,11 +178,16 @@ impl Story {
         self.send(|client, url| client.get(format!("{url}{path}")).header("prefer", "wait=5")).await
     }
 
-    /// Stores a profile for the slices. It may have been stored before without acknowledgement.
+    /// Stores a profile for the slices.
     pub async fn profile(&mut self) -> Told<()> {
+        self.put_profile(&profile()).await
+    }
+
+    /// Stores a profile. It may have been stored before without acknowledgement.
+    pub async fn put_profile(&mut self, profile: &Value) -> Told<()> {
         let path = "/v1/profiles/rig/lens";
         let put = self
-            .send(|client, url| client.put(format!("{url}{path}")).header("if-none-match", "*").json(&profile()))
+            .send(|client, url| client.put(format!("{url}{path}")).header("if-none-match", "*").json(profile))
             .await?;
         assert!([StatusCode::CREATED, StatusCode::PRECONDITION_FAILED].contains(&put.status), "{}", put.json());
         assert_eq!(self.get(path).await?.json()["revision"], 1);
@@ -237,17 +243,9 @@ impl Story {
         Ok(())
     }
 
-    /// Sends the stack of a dot target: the path of the calibration.
-    pub async fn calibrate(&mut self, target: Vec<u8>) -> Told<String> {
-        let path = "/v1/profiles/rig/lens/calibrations";
-        let posted = self.send(|client, url| client.post(format!("{url}{path}")).body(target)).await?;
-        assert_eq!(posted.status, StatusCode::ACCEPTED, "{}", posted.json());
-        Ok(posted.header("location").to_owned())
-    }
-
-    /// The revisions of the profile.
-    pub async fn revisions(&mut self) -> Told<Value> {
-        Ok(self.get("/v1/profiles/rig/lens/revisions").await?.json()["items"].take())
+    /// Sends these stacks from now on.
+    pub fn sends(&mut self, zip: Vec<u8>) {
+        self.zip = zip;
     }
 
     /// Downloads the image as a TIFF, which the service converts.
