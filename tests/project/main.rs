@@ -3,6 +3,7 @@
 mod architecture;
 mod cases;
 mod circles;
+mod constants;
 mod dependencies;
 mod links;
 mod size;
