@@ -154,16 +154,16 @@ fn found(id: Uuid, outcome: &ReconstructionOutcome) -> Markup {
 
 /// Size and volume of the surface, in words.
 fn surface(hull: &ReconstructedHull, unit: Option<LengthUnit>) -> Markup {
-    let (name, decimals) = match unit {
-        Some(LengthUnit::Mm) => ("mm", 2),
-        Some(LengthUnit::Radius) => ("radii of the turntable", 4),
-        None => ("units of the model", 4),
+    let (lengths, volumes, decimals) = match unit {
+        Some(LengthUnit::Mm) => ("mm", "mm³", 2),
+        Some(LengthUnit::Radius) => ("radii of the turntable", "cubes of that radius", 4),
+        None => ("units of the model", "cubes of that unit", 4),
     };
     let [x, y, z] = hull.size.map(|side| format!("{side:.decimals$}"));
     html! {
         p.soft {
-            "The surface from the masks (visual hull) measures " (x) " × " (y) " × " (z) " " (name)
-            ", its volume is " (format!("{:.decimals$}", hull.volume)) " in cubes of that unit. Hollows that no outline shows are filled."
+            "The surface from the masks (visual hull) measures " (x) " × " (y) " × " (z) " " (lengths)
+            ", its volume is " (format!("{:.decimals$}", hull.volume)) " " (volumes) ". Hollows that no outline shows are filled."
             @if !hull.left_out.is_empty() { " Left out, because their masks contradict the others: " (hull.left_out.join(", ")) "." }
         }
     }
