@@ -106,6 +106,7 @@ def calls(client: Client, folder: Path) -> Dict[str, Callable[[], Any]]:
         "fuse": lambda: client.fuse(ZIP, "rig", "lens", method="guided"),
         "wait": lambda: client.wait(f"/v1/calibrations/{ID}"),
         "list_stacks": lambda: client.list_stacks(rig="rig", lens="lens", scan="s", state="queued"),
+        "count_stacks": lambda: client.count_stacks(rig="rig", lens="lens", scan="s", q="bee", since="2026-11-27"),
         "get_stack": lambda: client.get_stack(ID),
         "metrics": lambda: client.metrics(ID),
         "rerun_stack": lambda: client.rerun_stack(ID, method="pyramid", mask="none"),
@@ -124,6 +125,10 @@ def calls(client: Client, folder: Path) -> Dict[str, Callable[[], Any]]:
         "wait_scan": lambda: client.wait_scan("s"),
         "rerun_scan": lambda: client.rerun_scan("s", method="guided"),
         "save_bundle": lambda: client.save_bundle("s", "colmap", folder / "bundle.zip", partial=True),
+        "start_reconstruction": lambda: client.start_reconstruction("s", partial=True, max_error_px=2.0),
+        "reconstruct": lambda: client.reconstruct("s", partial=True),
+        "list_reconstructions": lambda: client.list_reconstructions("s"),
+        "get_reconstruction": lambda: client.get_reconstruction(ID),
         "poses": lambda: (
             client.poses(b"name,x,y,z\n", file_format="csv", expected=2, radius_mm=140.0),
             client.poses(b"name,x,y,z\n", scan="s", pair_from="a", pair_to="b", pair_mm=1.5),
