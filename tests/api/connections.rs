@@ -299,3 +299,22 @@ async fn pages_of_other_origins_need_a_configured_origin() {
     let told = open.client.request(Method::OPTIONS, format!("{}/v1/uploads", open.base)).send().await.unwrap();
     assert_eq!(told.headers()["tus-version"], "1.0.0");
 }
+
+#[tokio::test]
+async fn much_of_a_refused_body_is_read_behind_a_trusted_proxy_alone() {
+    // MiB that are taken, of 128
+    let taken = async |is_trusted: bool| {
+        let app = TestApp::start_with(|policy| policy.trusted_proxies.retain(|_| is_trusted)).await;
+        let mut socket = connected(&app).await;
+        let head = "GUESS /v1/info HTTP/1.1\r\nhost: localhost\r\nx-forwarded-for: 10.1.2.3\r\ncontent-length: 1000000000\r\n\r\n";
+        socket.write_all(head.as_bytes()).await.unwrap();
+        let (chunk, mut taken) = (vec![0; 1 << 20], 0);
+        while taken < 128 && socket.write_all(&chunk).await.is_ok() {
+            taken += 1;
+        }
+        taken
+    };
+    assert_eq!(taken(true).await, 128);
+    let untrusted = taken(false).await;
+    assert!(untrusted < 100, "{untrusted} MiB");
+}

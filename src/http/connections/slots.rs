@@ -176,11 +176,16 @@ impl Seat {
         }
     }
 
+    /// Whether a trusted proxy opened the connection.
+    pub fn is_of_proxy(&self) -> bool {
+        self.slots.is_trusted(self.peer)
+    }
+
     /// The client of a request: the peer of the connection, or the address that a trusted proxy reports.
     pub fn client(&self, headers: &HeaderMap) -> IpAddr {
         let forwarded = headers.get_all("x-forwarded-for").iter().next_back();
         let nearest = forwarded.and_then(|list| list.to_str().ok()?.rsplit(',').next()?.trim().parse().ok());
-        nearest.filter(|_| self.slots.is_trusted(self.peer)).unwrap_or(self.peer)
+        nearest.filter(|_| self.is_of_proxy()).unwrap_or(self.peer)
     }
 
     /// The sub-path that a trusted proxy removes from the URLs, without a slash at its end. It is a path and nothing
@@ -193,12 +198,12 @@ impl Seat {
             !["", ".", ".."].contains(&segment) && segment.bytes().all(is_safe)
         };
         let is_path = prefix.strip_prefix('/').is_some_and(|path| path.split('/').all(is_segment));
-        (is_path && self.slots.is_trusted(self.peer)).then(|| prefix.into())
+        (is_path && self.is_of_proxy()).then(|| prefix.into())
     }
 
     /// Whether a trusted proxy reports that the client uses TLS.
     pub fn is_behind_tls(&self, headers: &HeaderMap) -> bool {
         let scheme = headers.get("x-forwarded-proto").and_then(|scheme| scheme.to_str().ok());
-        self.slots.is_trusted(self.peer) && scheme.is_some_and(|scheme| scheme.trim().eq_ignore_ascii_case("https"))
+        self.is_of_proxy() && scheme.is_some_and(|scheme| scheme.trim().eq_ignore_ascii_case("https"))
     }
 }

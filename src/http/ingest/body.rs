@@ -33,10 +33,11 @@ struct Linger {
 const LINGER_IDLE: Duration = Duration::from_secs(5);
 
 impl Linger {
-    /// Clients read the response while they send; some proxies (Apache) read it only after the whole body.
+    /// Clients read the response while they send; some proxies (Apache) read it only after the whole body. Only
+    /// requests of trusted proxies still have the header here: the layer `request_id` removes it from others.
     fn for_sender(headers: &HeaderMap) -> Self {
         if headers.contains_key("x-forwarded-for") {
-            Self { bytes: 16 << 30, time: Duration::from_secs(15 * 60) }
+            Self { bytes: 2 << 30, time: Duration::from_secs(2 * 60) }
         } else {
             Self { bytes: 64 << 20, time: Duration::from_secs(5) }
         }

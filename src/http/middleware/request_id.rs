@@ -1,5 +1,5 @@
 //! `X-Request-Id`: keeps the id of the client or makes one, and adds it to the request, to its log lines and to the
-//! answer.
+//! answer. `X-Forwarded-For` of a client that is no trusted proxy is removed, so that what follows can believe it.
 
 use std::sync::Arc;
 
@@ -23,7 +23,12 @@ const MAX_LENGTH: usize = 128;
 pub async fn keep_or_make(mut request: Request, next: Next) -> Response {
     let given = request.headers().get(&X_REQUEST_ID).filter(|id| is_printable(id)).cloned();
     let id = given.unwrap_or_else(make);
-    let client = request.extensions().get::<Arc<Seat>>().map(|seat| seat.client(request.headers()));
+    let seat = request.extensions().get::<Arc<Seat>>();
+    let client = seat.map(|seat| seat.client(request.headers()));
+    let is_of_proxy = seat.is_some_and(|seat| seat.is_of_proxy());
+    if !is_of_proxy {
+        request.headers_mut().remove("x-forwarded-for");
+    }
     request.headers_mut().insert(X_REQUEST_ID, id.clone());
     let span = log::span(id.to_str().unwrap_or_default(), client);
     let mut response = log::within(span, next.run(request)).await;

@@ -1,5 +1,5 @@
-//! `/`: what a person asks in the morning: what runs, what needs a look since the last visit, the week in numbers, the
-//! disk, and each rig with the age and the drift of its profile.
+//! `/`, the home page: the jobs in progress, the results to look at since the last visit, the number of stacks of the
+//! last seven days, the free disk space, and each rig with the age and the drift of its profile.
 
 use axum::{
     extract::State,

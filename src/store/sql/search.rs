@@ -76,8 +76,8 @@ impl<'a> Search<'a> {
         Ok(Self { filter, terms, from, before: before.min(until) })
     }
 
-    /// Whether a term drives the search. Few jobs run or wait, so their rows do where a state is wanted; those that
-    /// succeeded are most of a store, and those that failed have a term.
+    /// Whether a term drives the search. Few jobs run or wait: a search for these states is driven by the rows of the
+    /// jobs. Most jobs have succeeded, and those that failed have a term.
     fn by_term(&self) -> bool {
         let is_rare = |state| !matches!(state, JobState::Succeeded | JobState::Failed);
         !self.terms.is_empty() && !self.filter.state.is_some_and(is_rare)
