@@ -23,6 +23,8 @@ pub struct JobFilter {
     pub lens: Option<Name>,
     /// Scan of the stack or reconstruction.
     pub scan: Option<Name>,
+    /// SHA-256 of the zip of the stack, hex: all runs of the same pictures. Ignored without `kind`.
+    pub zip: Option<String>,
     /// Verdict on the result of the stack.
     pub verdict: Option<Verdict>,
     /// Words that label, scan, rig, lens or file name contain, each at least as the beginning of a word. Ignored

@@ -1,9 +1,10 @@
 //! The words by which stacks and calibrations are found.
 //!
 //! A job is indexed under terms: every beginning of every word of its label, scan, rig, lens and file name; its rig,
-//! lens and scan as they are; and, once it has ended, its verdict, or that it failed. A search looks up one term per
-//! word and per filter. Each lookup reads rows of one index in the order of lists, so a page costs the same in a store
-//! of any size. A term begins with the first letter of the kind of the job.
+//! lens and scan as they are; of a stack, the digest of its zip, which all runs of the same pictures share; and, once
+//! it has ended, its verdict, or that it failed. A search looks up one term per word and per filter. Each lookup reads
+//! rows of one index in the order of lists, so a page costs the same in a store of any size. A term begins with the
+//! first letter of the kind of the job.
 //!
 //! A word is a run of letters and digits in lower case (`Pan020_tilt15` has two). A number that ends a word is a word
 //! too (`IMG4711`). Each character of a script without blanks between words, such as Chinese, is a word.
@@ -14,7 +15,9 @@ use crate::contract::{JobKind, JobState, Verdict, request::JobRequest};
 use pinstack_science::types::text;
 
 /// Incremented when other terms, or other verdicts, follow from the same job: every store then indexes its jobs anew.
-pub(in crate::store) const VERSION: i64 = 1;
+pub(in crate::store) const VERSION: i64 = 2;
+/// The field of the digest of the zip of a stack.
+pub(in crate::store) const ZIP: &str = "zip";
 /// Longest beginning of a word that is indexed, in characters. Words that differ only after it are found as one.
 const MAX_BEGINNING: usize = 24;
 /// Words of a job that are indexed, and words of a search that are looked up.
@@ -39,12 +42,12 @@ impl FoundStacks {
 /// The terms of a job that is accepted.
 pub(in crate::store) fn terms(rig: &str, lens: &str, request: &JobRequest) -> BTreeSet<String> {
     let (kind, scan) = (request.kind(), request.scan().map(|scan| scan.as_str()));
-    let label = match request {
-        JobRequest::Stack(stack) => stack.options.label.as_deref(),
-        JobRequest::Calibration(_) | JobRequest::Reconstruction(_) => None,
+    let (label, zip) = match request {
+        JobRequest::Stack(stack) => (stack.options.label.as_deref(), Some(stack.upload.sha256.as_str())),
+        JobRequest::Calibration(_) | JobRequest::Reconstruction(_) => (None, None),
     };
     let file = request.upload().filename.as_deref();
-    let exact = [("rig", Some(rig)), ("lens", Some(lens)), ("scan", scan)];
+    let exact = [("rig", Some(rig)), ("lens", Some(lens)), ("scan", scan), (ZIP, zip)];
     let mut terms: BTreeSet<String> =
         exact.into_iter().filter_map(|(field, value)| Some(exactly(kind, field, value?))).collect();
     let words = [label, scan, Some(rig), Some(lens), file].into_iter().flatten().flat_map(|text| {

@@ -120,7 +120,7 @@ pub fn job_filter(kind: JobKind, pairs: &[(String, String)]) -> Result<JobFilter
     let JobParameters { state, rig, lens, scan, verdict, q, since, until } = typed(pairs)?;
     let since = since.map(|text| moment("since", &text, Edge::Begin)).transpose()?;
     let until = until.map(|text| moment("until", &text, Edge::End)).transpose()?;
-    Ok(JobFilter { kind: Some(kind), state, rig, lens, scan, verdict, q, since, until, owner: None })
+    Ok(JobFilter { kind: Some(kind), state, rig, lens, scan, verdict, q, since, until, ..JobFilter::default() })
 }
 
 /// Which end of a day a date stands for.

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{
-    contract::{Code, Fault, JobKind, JobState, Verdict},
+    contract::{Code, Fault, JobKind, JobState, Verdict, request::JobRequest},
     store::{Finish, JobFilter, search::FoundStacks},
 };
 use pinstack_science::types::{Warning, WarningCode};
@@ -59,6 +59,12 @@ pub async fn jobs_are_found_by_words_names_times_and_how_they_ended(store: Fresh
     let bad = JobFilter { verdict: Some(Verdict::DoNotUse), ..all.clone() };
     assert_eq!(found(metadata, bad.clone()).await, [first]);
     assert_eq!(found(metadata, JobFilter { state: Some(JobState::Failed), ..q("k\u{e4}f") }).await, [second.id]);
+    let again = accept(metadata, &stack_with(|request| request.upload.sha256 = "other".into())).await.id;
+    let of_zip = |digest: &str| JobFilter { zip: Some(digest.into()), ..JobFilter::default() };
+    assert_eq!(found(metadata, of_zip("other")).await, [again]);
+    let JobRequest::Stack(sent) = second.request else { panic!("it is a stack") };
+    assert_eq!(found(metadata, of_zip(&sent.upload.sha256)).await, [second.id, first]);
+    metadata.delete_job(again).await.unwrap();
     let numbers = FoundStacks { all: 2, verdicts: [0, 0, 1], failed: 1 };
     assert_eq!(metadata.found(&q("k\u{e4}fer")).await.unwrap(), numbers);
     assert_eq!(metadata.found(&bad).await.unwrap(), numbers, "the verdict is left out");

@@ -43,6 +43,7 @@ impl<'a> Search<'a> {
             let fields = [("rig", &filter.rig), ("lens", &filter.lens), ("scan", &filter.scan)];
             let exact = fields.into_iter().filter_map(|(field, name)| Some((field, name.as_ref()?)));
             terms.extend(exact.map(|(field, name)| search::exactly(kind, field, name.as_str())));
+            terms.extend(filter.zip.iter().map(|digest| search::exactly(kind, search::ZIP, digest)));
             let verdict = filter.verdict.map(|verdict| format!("{}{}", search::letter(kind), search::verdict(verdict)));
             terms.extend(verdict);
             if filter.state == Some(JobState::Failed) {
