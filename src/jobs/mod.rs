@@ -33,7 +33,7 @@ use crate::contract::{
 use pinstack_science::archive::{ArchiveLimits, StackArchive};
 pub use requested::mask_params;
 pub use runner::{JobContext, JobOutput, JobRunner, OutputFile, ProgressSink, SOFTWARE};
-pub use slice_view::slice_view;
+pub use slice_view::{SliceLight, slice_view};
 use threads::with_own_threads;
 
 /// The job runner of the service: fuses stacks, measures profiles, and has scans reconstructed.

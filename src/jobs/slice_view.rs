@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{crop::crop_rect, input_bits::FullScaleSlices, requested};
-use crate::contract::{Fault, options::StackOptions};
+use crate::contract::{Code, Fault, options::StackOptions};
 use pinstack_science::{
     archive::ArchiveLimits,
     fusion::warped_slice,
@@ -11,20 +11,36 @@ use pinstack_science::{
     types::{ReadAt, profile::ProfileInput},
 };
 
-/// Slice `index`, in the order of fusion, of the front light of the zip `archive`. Memory: the slice before and
-/// after the warp.
+/// The light of a slice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum SliceLight {
+    /// The front light.
+    Front,
+    /// The back light.
+    Back,
+    /// The further light with this index in the layout of the stack.
+    Further(usize),
+}
+
+/// Slice `index`, in the order of fusion, of a light of the zip `archive`. Memory: the slice before and after the warp.
 ///
 /// # Errors
-/// Those of the archive, of the decoder and of [`warped_slice`].
+/// Those of the archive, of the decoder and of [`warped_slice`]; [`Code::NotFound`] for a light that the zip lacks.
 pub fn slice_view(
     archive: Arc<dyn ReadAt>,
     profile: &ProfileInput,
     options: &StackOptions,
-    index: usize,
+    (light, index): (SliceLight, usize),
     limits: &ArchiveLimits,
 ) -> Result<Raster, Fault> {
     let archive = requested::archive(archive, options, limits)?;
-    let slices = FullScaleSlices::of(archive.front(), options.input_bits);
+    let slices = match light {
+        SliceLight::Front => Some(archive.front()),
+        SliceLight::Back => Some(archive.back()),
+        SliceLight::Further(at) => archive.lights().get(at).map(|(_, slices)| slices),
+    };
+    let slices = slices.ok_or_else(|| Fault::new(Code::NotFound, "the zip of the stack has no such light"))?;
+    let slices = FullScaleSlices::of(slices, options.input_bits);
     let warped = warped_slice(&slices, &requested::plan(options, profile), index)?;
     Ok(warped.crop(crop_rect(options.crop, profile)?))
 }

@@ -36,6 +36,7 @@ mod reconstructions;
 mod reports;
 mod reruns;
 mod results;
+mod runs;
 mod scans;
 mod service;
 mod stack_input;

@@ -112,12 +112,15 @@ async fn an_isolated_token_sees_no_work_of_others_on_any_page() {
     app.finish(&app.claim().await).await;
     let get =
         async |path: &str, token: &str| app.get(path).bearer_auth(token).header("accept", HTML).send().await.unwrap();
-    for path in ["/", "/stacks", "/scans", "/send", &format!("/stacks/{bobs}?compare={stack}")] {
+    // both sent the same pictures
+    let runs = [format!("/stacks/{bobs}?compare={stack}"), format!("/stacks/{bobs}/runs?{stack}=1")];
+    for path in ["/", "/stacks", "/scans", "/send", &runs[0], &runs[1]] {
         let text = checked(get(path, &bob).await).await;
         assert!(!text.contains("secret-beetle") && !text.contains("anns"), "{path}: {text}");
     }
     let hidden = [
         format!("/stacks/{stack}"),
+        format!("/stacks/{stack}/runs"),
         format!("/stacks/{stack}/thumbnail"),
         format!("/stacks/{stack}/tiles/image/0/0/0"),
         "/scans/anns".into(),

@@ -9,14 +9,15 @@ async fn the_slices_of_a_stack_are_shown_as_they_were_fused() {
     let app = TestApp::start().await;
     let stack = id(&app.with_stack("").await);
     let tile = async |path: &str| app.get(&format!("/stacks/{stack}/tiles/{path}")).send().await.unwrap();
-    problem(tile("slice-0/0/0/0").await, 404, "not_found").await;
+    problem(tile("slice-front-0/0/0/0").await, 404, "not_found").await;
     app.finish(&app.claim().await).await;
     let page = app.get(&format!("/stacks/{stack}")).send().await.unwrap().text().await.unwrap();
     let job = app.store.metadata.job(stack).await.unwrap().unwrap();
     let count = job.request.layout().expect("a stack").front.len();
-    assert!(page.contains(&format!("Slice {0} of 0 to {0}, aligned", count - 1)), "{page}");
-    for _ in 0..2 {
-        let answer = tile("slice-0/0/0/0").await;
+    assert!(page.contains("Slices, front light, aligned") && page.contains("Slices, back light, aligned"), "{page}");
+    assert!(page.contains(&format!("&quot;slices&quot;:{count}")), "{page}");
+    for slice in ["slice-front-0", "slice-front-0", "slice-back-0"] {
+        let answer = tile(&format!("{slice}/0/0/0")).await;
         assert_eq!(
             (answer.status(), &answer.headers()["content-type"]),
             (StatusCode::OK, &"image/png".parse().unwrap())
@@ -24,21 +25,23 @@ async fn the_slices_of_a_stack_are_shown_as_they_were_fused() {
         let picture = image::load_from_memory(&answer.bytes().await.unwrap()).unwrap();
         assert_eq!((picture.width(), picture.height()), (crate::app::WIDTH, crate::app::HEIGHT));
     }
-    assert_eq!(app.app.conversions.begun(), 1, "a slice is warped once");
+    assert_eq!(app.app.conversions.begun(), 2, "a slice is warped once");
     for wrong in [
-        &format!("slice-{count}"),
+        &format!("slice-front-{count}"),
         "slice-",
-        "slice--1",
-        "slice-+1",
-        "slice-00",
-        "slice-0x",
-        "slice-9999999999999999999999",
+        "slice-front--1",
+        "slice-front-+1",
+        "slice-front-00",
+        "slice-uv-0",
+        "slice-0",
+        "slice-front-0x",
+        "slice-front-9999999999999999999999",
     ] {
         problem(tile(&format!("{wrong}/0/0/0")).await, 404, "not_found").await;
     }
     // a zip that cannot be read any more
     app.put_blob(&job.request.upload().key, b"damaged").await;
-    problem(tile("slice-1/0/0/0").await, 422, "invalid_archive").await;
+    problem(tile("slice-front-1/0/0/0").await, 422, "invalid_archive").await;
 }
 
 #[tokio::test]

@@ -154,6 +154,24 @@ fn the_viewer_tells_values_and_lengths_by_mouse_keyboard_and_finger() {
 
 #[test]
 #[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn two_pictures_are_compared_under_a_divider_by_mouse_keyboard_and_finger() {
+    scenario("divider", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn a_slider_steps_through_the_slices_where_the_person_looks() {
+    scenario("slices", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn runs_of_one_stack_stand_beside_each_other() {
+    scenario("runs", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn a_model_shows_points_cameras_and_surface() {
     let server = with_work();
     write_model_page(&server);

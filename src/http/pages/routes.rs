@@ -13,6 +13,7 @@ pub fn routes() -> Router<App> {
         .route("/stacks", get(stacks::list::list))
         .route("/stacks/{id}", get(stack::page::page))
         .route("/stacks/{id}/tiles/{artifact}/{level}/{x}/{y}", get(stack::tiles::get))
+        .route("/stacks/{id}/runs", get(stack::runs::page))
         .route("/stacks/{id}/thumbnail", get(stacks::thumbnail::get))
         .route("/send", get(send::page))
         .route("/scans", get(scans::page))

@@ -168,4 +168,33 @@ const { surface } = await module('relief.js');
 const { round, length } = await module('measure.js');
 assert.deepEqual([0.0123, 0.05, 0.49, 7, 10].map(round).map((one) => +one.toPrecision(6)), [0.01, 0.05, 0.2, 5, 10]);
 assert.deepEqual([length(10, null), length(10, 0.005), length(10, 0.5), length(1, 0.0123)], ['10.0 px', '10.0 px = 50.0 µm', '10.0 px = 5.00 mm', '1.0 px = 12.3 µm']);
+
+const { levels, Layer, Recent } = await module('tiles.js');
+{
+  assert.deepEqual(levels(1025, 300, 512), [[1025, 300], [513, 150], [257, 75]]);
+  assert.deepEqual(levels(512, 512, 512), [[512, 512]]);
+  const layer = new Layer({ tiles: '/t', version: 'v', width: 1025, height: 300 }, 512, () => {});
+  assert.deepEqual([4, 1, 0.6, 0.5, 0.25, 0.01].map((scale) => layer.level(scale)), [0, 0, 0, 1, 2, 2]);
+  assert.deepEqual([layer.url(1, 2, 0), layer.at], ['/t/1/2/0?v=v', [0, 0]]);
+  const recent = new Recent(2);
+  for (const key of ['a', 'b', 'a', 'c']) recent.use(key, () => key);
+  assert.deepEqual([...recent.keys()], ['a', 'c'], 'what was used longest ago is forgotten');
+}
+const { Stepper, slice } = await module('compare.js');
+{
+  const asked = [];
+  const stepper = new Stepper((number) => asked.push(number));
+  for (const number of [0, 1, 2, 3]) stepper.want(number);
+  assert.deepEqual(asked, [0], 'one at a time');
+  stepper.came();
+  stepper.came();
+  stepper.came();
+  assert.deepEqual(asked, [0, 3], 'then the last that was wanted');
+  stepper.want(2);
+  stepper.want(3);
+  stepper.want(2);
+  stepper.came();
+  assert.deepEqual(asked, [0, 3, 2], 'what is there is not asked for again');
+  assert.deepEqual(slice({ tiles: '/t/slice-uv-', version: 'v', slices: 20 }, 3), { tiles: '/t/slice-uv-3', version: 'v', slices: 20 });
+}
 console.log('readers: done');

@@ -348,4 +348,8 @@ module.exports = ({ opened, base, folder }) => {
   };
 };
 module.exports.model = model;
+module.exports.seen = seen;
+module.exports.changed = changed;
+module.exports.reads = reads;
+module.exports.faults = faults;
 module.exports.modelPage = modelPage;

@@ -76,13 +76,13 @@ const scenarios = {
     await shows(page, 50);
     await page.selectOption('#layer', { label: 'Sharpest slice' });
     await page.selectOption('#other', { label: 'Mask' });
-    await page.waitForSelector('#divide:not([hidden])');
+    await page.waitForSelector('#divider:not([hidden])');
     await page.click('text=Fuse again with other options');
     await page.selectOption('#rerun-method', 'pyramid');
     await page.click('#rerun button');
     await page.waitForSelector('text=Fused again from');
     await done(page);
-    await page.waitForFunction(() => document.getElementById('other')?.selectedOptions[0]?.text.startsWith('from a folder'));
+    await page.waitForFunction(() => document.getElementById('other')?.selectedOptions[0]?.text.match(/^halo corrected, .*: Image$/));
     await shows(page, 50);
     page.settled();
     await page.goto(`${base}/stacks`);
@@ -385,6 +385,7 @@ const scenarios = {
 };
 
 Object.assign(scenarios, require('./scenes.cjs')({ opened, base, folder }));
+Object.assign(scenarios, require('./comparing.cjs')({ opened, base }));
 Object.assign(scenarios, require('./forms.cjs')({ base, folder, opened, describe, send, finished, zip, TUS }));
 
 (async () => {

@@ -46,15 +46,18 @@ export function measure(viewer, { spec, mmPerPx, tools, told }) {
     return Number.isNaN(value) ? ' · height unknown' : ` · ${isDepth ? 'sharpest in' : 'height'} ${words(value)}`;
   };
 
+  const own = viewer.first.tiles.split('/tiles/')[0];
+  const isOwn = (layer) => Boolean(layer?.tiles.startsWith(own));
+
   const tell = () => {
     const place = inPicture(at ?? middle());
     const isSecond = viewer.second && (at ?? middle())[0] > viewer.width * viewer.divider;
     const layer = isSecond ? viewer.second : viewer.first;
-    const { width, height: rows } = layer;
-    const isInside = place[0] >= 0 && place[1] >= 0 && place[0] < width && place[1] < rows;
+    const { width, height: rows, at: [left, top] } = layer;
+    const isInside = place[0] >= left && place[1] >= top && place[0] < left + width && place[1] < top + rows;
     const rgba = isInside && layer.sample(place, viewer.view.scale);
     const colour = rgba ? ` · colour ${rgba.slice(0, 3).join(' ')}, alpha ${rgba[3]}` : '';
-    const values = isInside ? `x ${Math.floor(place[0])}, y ${Math.floor(place[1])}${colour}${height(place)}` : 'beside the picture';
+    const values = isInside ? `x ${Math.floor(place[0])}, y ${Math.floor(place[1])}${colour}${isOwn(layer) ? height(place) : ''}` : 'beside the picture';
     const [from, to = place] = points;
     const span = from ? ` · length ${length(Math.hypot(to[0] - from[0], to[1] - from[1]), mmPerPx)}` : '';
     told.textContent = isOn ? `${at ? '' : 'In the middle: '}${values}${span}` : '';
@@ -119,8 +122,9 @@ export function measure(viewer, { spec, mmPerPx, tools, told }) {
       stroke([[x, y], [x + (mm / mmPerPx) * viewer.view.scale, y]]);
       write(mm >= 1 ? `${mm} mm` : `${+(1000 * mm).toPrecision(1)} µm`, x, y - 7 * unit);
     }
-    const kind = viewer.first.tiles.split('/').pop();
-    if (kind === 'height' || kind === 'depth') legend(context, write, kind, unit);
+    const kinds = [viewer.first, viewer.second].filter(isOwn).map((layer) => layer.tiles.split('/').pop());
+    const kind = kinds.find((one) => one === 'height' || one === 'depth');
+    if (kind) legend(context, write, kind, unit);
     if (isOn) {
       const path = points.map(onCanvas);
       if (path.length) stroke(path.length === 2 ? path : [path[0], at ?? middle()], '#ffe14d');
@@ -131,7 +135,7 @@ export function measure(viewer, { spec, mmPerPx, tools, told }) {
   };
 
   const legend = (context, write, kind, unit) => {
-    const [x, y, side] = [viewer.width - 26 * unit, 22 * unit, 110 * unit];
+    const [x, y, side] = [viewer.width - 26 * unit, (viewer.second ? 48 : 22) * unit, 110 * unit];
     const ramp = context.createLinearGradient(0, y + side, 0, y);
     MAP.forEach((colour, k) => ramp.addColorStop(k / (MAP.length - 1), colour));
     Object.assign(context, { fillStyle: ramp, textAlign: 'right' });

@@ -1,8 +1,8 @@
 // The page of one stack: its viewer, its progress, and its buttons.
 import { call, confirmed, element, json, link, tell } from './page.js';
+import { controls } from './compare.js';
 import { follow } from './live.js';
 import { measure } from './measure.js';
-import { Viewer } from './viewer.js';
 
 const state = document.getElementById('state');
 const url = link(`/v1/stacks/${state.dataset.stack}`);
@@ -58,33 +58,8 @@ by('rerun')?.addEventListener('submit', async (event) => {
 const canvas = by('viewer');
 if (canvas) {
   const scene = JSON.parse(canvas.dataset.scene);
-  const [layer, other, divider, behind, readout] = ['layer', 'other', 'divider', 'behind', 'readout'].map(by);
-  const viewer = new Viewer(canvas, {
-    ...scene,
-    moved(scale, state) {
-      const { width, height } = viewer.first;
-      const percent = 100 * scale;
-      const shown = `${width} × ${height} px, shown at ${percent < 10 ? percent.toFixed(1) : Math.round(percent)} %`;
-      const more = { loading: ' · loading …', failed: ' · a part cannot be loaded: reload the page to try again' }[state];
-      readout.textContent = shown + (more ?? '');
-    },
-  });
-  // a rerun is shown beside the stack that it was made of
-  if (scene.layers.length > Number(canvas.dataset.own)) other.value = canvas.dataset.own;
-  const choose = () => {
-    viewer.first = viewer.layers[layer.value || 0];
-    viewer.second = other.value === '' ? null : viewer.layers[other.value];
-    viewer.divider = divider.value / 1000;
-    viewer.behind = behind.value;
-    by('divide').hidden = !viewer.second;
-    viewer.draw();
-  };
-  for (const control of [layer, other, divider, behind]) control.addEventListener('input', choose);
-  by('fit').addEventListener('click', () => viewer.fit());
-  by('full').addEventListener('click', () => viewer.full());
-  by('closer').addEventListener('click', () => viewer.zoom(1.5));
-  by('farther').addEventListener('click', () => viewer.zoom(1 / 1.5));
-  choose();
+  const readout = by('readout');
+  const viewer = controls(canvas, scene, readout);
   const heights = by('relief-canvas')?.dataset.relief;
   measure(viewer, {
     spec: heights ? JSON.parse(heights) : null,

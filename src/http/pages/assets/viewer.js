@@ -1,106 +1,22 @@
 // Shows a picture of any size in a canvas: fetches the tiles in view at the resolution in view, and nothing else.
-// A second layer can be shown beside the first, divided by a line.
+// A second picture can be shown at the right of the first, divided by a line.
+import { Layer } from './tiles.js';
 
-const MAX_TILES = 256;
 const MAX_SCALE = 16;
 
-class Layer {
-  constructor(spec, tile, redraw) {
-    Object.assign(this, spec);
-    this.tile = tile;
-    this.redraw = redraw;
-    this.kept = new Map();
-    this.levels = [[this.width, this.height]];
-    while (Math.max(...this.levels.at(-1)) > tile) {
-      this.levels.push(this.levels.at(-1).map((side) => Math.ceil(side / 2)));
-    }
-  }
-
-  /** The picture of a tile, which is fetched if it is not there yet. */
-  get(level, x, y) {
-    const key = `${level}/${x}/${y}`;
-    let image = this.kept.get(key);
-    if (image) {
-      this.kept.delete(key);
-    } else {
-      image = new Image();
-      image.onload = () => this.redraw();
-      image.onerror = () => { image.failed = true; this.redraw(); };
-      image.src = `${this.tiles}/${key}?v=${this.version}`;
-    }
-    this.kept.set(key, image);
-    while (this.kept.size > MAX_TILES) this.kept.delete(this.kept.keys().next().value);
-    return image;
-  }
-
-  /** Red, green, blue and alpha at a point of the picture, as far as its tile is there; null otherwise. */
-  sample([x, y], scale) {
-    const coarsest = this.levels.length - 1;
-    const wanted = Math.max(0, Math.min(coarsest, Math.floor(Math.log2(1 / scale) + 0.01)));
-    const [columns, rows] = this.levels[wanted];
-    const [column, row] = [Math.floor((x * columns) / this.width), Math.floor((y * rows) / this.height)];
-    const image = this.kept.get(`${wanted}/${Math.floor(column / this.tile)}/${Math.floor(row / this.tile)}`);
-    if (!image?.complete || !image.naturalWidth) return null;
-    this.dot ??= new OffscreenCanvas(1, 1).getContext('2d', { willReadFrequently: true });
-    this.dot.clearRect(0, 0, 1, 1);
-    this.dot.drawImage(image, column % this.tile, row % this.tile, 1, 1, 0, 0, 1, 1);
-    return [...this.dot.getImageData(0, 0, 1, 1).data];
-  }
-
-  /** Draws the part of the layer that is in view. Returns whether it is there: 'ready', 'loading' or 'failed'. */
-  draw(context, view, width, height) {
-    let state = 'ready';
-    const coarsest = this.levels.length - 1;
-    const wanted = Math.max(0, Math.min(coarsest, Math.floor(Math.log2(1 / view.scale) + 0.01)));
-    context.imageSmoothingEnabled = view.scale < 2 && view.scale !== 1;
-    // coarse levels first: they show through until the finer tiles have arrived
-    for (const level of wanted === coarsest ? [coarsest] : [coarsest, wanted]) {
-      const [columns, rows] = this.levels[level];
-      const factor = [this.width / columns, this.height / rows];
-      const from = [-view.x / view.scale, -view.y / view.scale];
-      const to = [(width - view.x) / view.scale, (height - view.y) / view.scale];
-      const range = (axis, side) => [
-        Math.max(0, Math.floor(from[axis] / factor[axis] / this.tile)),
-        Math.min(Math.ceil(side / this.tile) - 1, Math.floor(to[axis] / factor[axis] / this.tile)),
-      ];
-      const [firstColumn, lastColumn] = range(0, columns);
-      const [firstRow, lastRow] = range(1, rows);
-      for (let y = firstRow; y <= lastRow; y += 1) {
-        for (let x = firstColumn; x <= lastColumn; x += 1) {
-          const image = this.get(level, x, y);
-          if (!image.complete || image.naturalWidth === 0) {
-            if (state !== 'failed') state = image.failed ? 'failed' : 'loading';
-            continue;
-          }
-          // edges at whole pixels of the screen: tiles meet without a seam, and 1 : 1 shows the pixels unchanged
-          const edge = (axis, at) => Math.round((axis ? view.y : view.x) + at * factor[axis] * view.scale);
-          const [left, top] = [edge(0, x * this.tile), edge(1, y * this.tile)];
-          const [right, bottom] = [edge(0, x * this.tile + image.naturalWidth), edge(1, y * this.tile + image.naturalHeight)];
-          const area = [left, top, right - left, bottom - top];
-          if (level === wanted && wanted !== coarsest) context.clearRect(...area);
-          context.drawImage(image, ...area);
-        }
-      }
-      // the server prepares a picture when a part of it is first asked for: one request waits for that, and not all
-      // that the browser can send at a time
-      if (state !== 'ready') break;
-    }
-    return state;
-  }
-}
-
-/** A viewer in `canvas`. `options`: tile, layers, and `moved`, which is called with the scale and with
- *  whether what is in view is 'ready', 'loading' or 'failed'. */
+/** A viewer in `canvas` of pictures with tiles of `tile` px, of which it shows `first` at first. `moved` is called with
+ *  the scale and, of each picture shown, whether what is in view of it is 'ready', 'loading' or 'failed'. */
 export class Viewer {
-  constructor(canvas, { tile, layers, moved }) {
+  constructor(canvas, { tile, first, moved }) {
     this.canvas = canvas;
     this.moved = moved;
     this.behind = 'checks';
     this.divider = 0.5;
     this.waiting = false;
-    this.layers = layers.map((spec) => new Layer(spec, tile, () => this.draw()));
-    this.first = this.layers[0];
-    this.second = null;
+    this.tile = tile;
+    // at the left and at the right of the divider: the layer, and what is drawn beneath it until it is there
+    this.sides = [{}, {}];
+    this.show(0, first);
     this.view = { x: 0, y: 0, scale: 1 };
     this.pointers = new Map();
     this.isFitted = true;
@@ -108,6 +24,18 @@ export class Viewer {
     for (const name of ['pointerdown', 'pointermove', 'pointerup', 'pointercancel', 'wheel', 'keydown', 'dblclick']) {
       canvas.addEventListener(name, (event) => this[name](event), { passive: false });
     }
+  }
+
+  get first() { return this.sides[0].layer; }
+
+  get second() { return this.sides[1].layer; }
+
+  /** Shows the picture `spec` at the left (0) or right (1) of the divider; null: nothing. With `stays`, what was there
+   *  is seen until the new one is there. */
+  show(side, spec, stays = false) {
+    const { layer } = this.sides[side];
+    this.sides[side] = { layer: spec && new Layer(spec, this.tile, () => this.draw()), before: stays ? layer : null };
+    this.draw();
   }
 
   resize() {
@@ -124,7 +52,8 @@ export class Viewer {
   /** Shows all of the picture. */
   fit() {
     const scale = this.fitting;
-    this.view = { scale, x: (this.width - this.first.width * scale) / 2, y: (this.height - this.first.height * scale) / 2 };
+    const middle = (axis, side, size) => (side - size * scale) / 2 - this.first.at[axis] * scale;
+    this.view = { scale, x: middle(0, this.width, this.first.width), y: middle(1, this.height, this.first.height) };
     this.isFitted = true;
     this.draw();
   }
@@ -166,9 +95,9 @@ export class Viewer {
     const context = this.canvas.getContext('2d');
     context.clearRect(0, 0, width, height);
     const line = this.second ? Math.round(width * this.divider) : width;
-    const states = [this.side(context, this.first, 0, line)];
+    const states = [this.side(context, this.sides[0], 0, line)];
     if (this.second) {
-      states.push(this.side(context, this.second, line, width));
+      states.push(this.side(context, this.sides[1], line, width));
       context.fillStyle = '#fff';
       context.fillRect(line - 1, 0, 2, height);
     }
@@ -177,22 +106,28 @@ export class Viewer {
     this.backdrop(context);
     context.globalCompositeOperation = 'source-over';
     this.over?.(context);
-    const state = ['failed', 'loading'].find((one) => states.includes(one)) ?? 'ready';
-    this.moved?.(this.view.scale / (window.devicePixelRatio || 1), state);
+    this.moved?.(this.view.scale / (window.devicePixelRatio || 1), states);
   }
 
-  side(context, layer, from, to) {
+  side(context, side, from, to) {
     context.save();
     context.beginPath();
     context.rect(from, 0, to - from, this.height);
     context.clip();
-    const state = layer.draw(context, this.view, this.width, this.height);
+    const draw = (layer) => layer.draw(context, this.view, this.width, this.height);
+    const state = draw(side.layer);
+    if (state === 'ready') side.before = null;
+    if (side.before) {
+      draw(side.before);
+      draw(side.layer);
+    }
     context.restore();
     return state;
   }
 
   backdrop(context) {
-    const { x, y, scale } = this.view;
+    const { scale } = this.view;
+    const [x, y] = [this.view.x + this.first.at[0] * scale, this.view.y + this.first.at[1] * scale];
     const edges = [x, y, x + this.first.width * scale, y + this.first.height * scale].map(Math.round);
     const area = [edges[0], edges[1], edges[2] - edges[0], edges[3] - edges[1]];
     const plain = { black: '#000', white: '#fff', grey: '#808080' }[this.behind];

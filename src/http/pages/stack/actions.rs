@@ -22,10 +22,10 @@ pub fn buttons(job: &Job, user: &PageUser) -> Markup {
 }
 
 /// An option: its name, its label, and its values with their words.
-type Choice<'a> = (&'static str, &'static str, &'a [(&'static str, &'static str)]);
+pub type Choice<'a> = (&'static str, &'static str, &'a [(&'static str, &'static str)]);
 
 /// Options that the page offers for another run beside the method.
-const CHOICES: [Choice<'static>; 9] = [
+pub const CHOICES: [Choice<'static>; 9] = [
     ("mask", "Mask", &[("auto", "if there is a back light"), ("none", "none"), ("required", "required")]),
     ("mask_edge", "Edge of the mask", &[("hard", "hard"), ("soft", "soft")]),
     ("under_alpha", "Outside the object", &[("black", "black"), ("keep", "fused colour"), ("pad", "continued colour")]),

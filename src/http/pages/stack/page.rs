@@ -10,7 +10,7 @@ use jiff::Timestamp;
 use maud::{Markup, html};
 use uuid::Uuid;
 
-use super::{actions, facts, findings::Findings, plots, relief, tiles::slices_shown, viewer};
+use super::{actions, facts, findings::Findings, plots, relief, runs, tiles::lights_shown, viewer::Shown};
 use crate::{
     contract::{JobKind, JobState, request::JobRequest},
     http::{
@@ -55,7 +55,9 @@ pub async fn page(
     let named = params::take(&mut pairs, "compare").and_then(|id| Uuid::parse_str(&id).ok());
     let other = compared(&app, &caller, named.or(request.rerun_of).filter(|other| *other != id)).await?;
     let outcome = of_stack(&job).ok();
-    let slices = slices_shown(&app, &job);
+    let mut runs = runs::of(&app, &caller, &job).await?;
+    runs.retain(|run| run.id != id);
+    let lights = lights_shown(&app, &job);
     let name = row::name(&job);
     let reference = app.store.metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
     let mm_per_px = reference.as_ref().and_then(|profile| relief::mm_per_px(&profile.input));
@@ -74,7 +76,12 @@ pub async fn page(
         p id="told" role="alert" {}
         div id="state" data-stack=(id) { (state) }
         (findings.serious())
-        @if let Some(outcome) = outcome { (viewer::viewer(&job, outcome, slices, other.as_ref(), mm_per_px)) }
+        @if let Some(outcome) = outcome {
+            (Shown { job: &job, outcome, lights: &lights, runs: &runs, beside: other.as_ref(), mm_per_px }.section())
+        }
+        @if !runs.is_empty() {
+            p { a href=(link!("/stacks/{id}/runs")) { "Compare the " (runs.len() + 1) " runs of these pictures" } }
+        }
         @if let Some(outcome) = outcome {
             (camera::missing_in_results(current.as_ref(), outcome.image.intrinsics.is_some(), &job.rig, &job.lens,
                 "“Fuse again with other options” with the current revision gives it to the image"))

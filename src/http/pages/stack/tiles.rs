@@ -1,6 +1,6 @@
 //! `GET /stacks/{id}/tiles/{artifact}/{level}/{x}/{y}`: a part of a picture as PNG, at most 512 px a side. In place of
-//! an artifact, `light-NAME` is a further light, and `slice-N` is slice N of the front light, warped to the reference
-//! slice, in the order of fusion from 0.
+//! an artifact, `light-NAME` is a further light, and `slice-LIGHT-N` is slice N of a light (`front`, `back`, or the
+//! name of a further one), warped to the reference slice, in the order of fusion from 0.
 //!
 //! The first tile of a picture decodes it, once, into a file with all levels ([`pyramid`]). The same cache that holds
 //! converted pictures holds that file: concurrent requests wait for one decoding, pictures are decoded one at a time,
@@ -32,6 +32,7 @@ use crate::{
             pyramid,
         },
     },
+    jobs::SliceLight,
     store::Job,
 };
 
@@ -46,15 +47,17 @@ pub const LIGHT: &str = "light-";
 enum Picture {
     /// The name of its file.
     Artifact(String, Colours),
-    /// Index in the order of fusion.
-    Slice(usize),
+    /// The name of a light, and the index in the order of fusion.
+    Slice(String, usize),
 }
 
 impl Picture {
     fn of_name(name: &str) -> Option<Self> {
-        if let Some(index) = name.strip_prefix(SLICE) {
+        if let Some(slice) = name.strip_prefix(SLICE) {
+            let (light, index) = slice.rsplit_once('-')?;
             // one name per slice: no sign, no leading zeros
-            return index.parse().ok().filter(|number: &usize| number.to_string() == index).map(Self::Slice);
+            let number = index.parse().ok().filter(|number: &usize| number.to_string() == index)?;
+            return Some(Self::Slice(light.to_owned(), number));
         }
         if let Some(light) = name.strip_prefix(LIGHT) {
             return Some(Self::Artifact(light_name(light), Colours::Plain));
@@ -74,28 +77,47 @@ impl Picture {
                 }
                 app.conversions.get(&stored.key, &stored.sha256, Conversion::Pyramid(colours)).await
             }
-            Self::Slice(index) => {
+            Self::Slice(name, index) => {
                 let stack = job.id.to_string();
-                if let Some(kept) = app.conversions.kept(&stack, Form::Slice(index)) {
+                let none = || ApiError::new(Code::NotFound, "there is no such slice");
+                let shown = lights_shown(app, job).into_iter().find(|light| light.name == name && index < light.slices);
+                let light = shown.ok_or_else(none)?.light;
+                if let Some(kept) = app.conversions.kept(&stack, Form::Slice(light, index)) {
                     return Ok(kept);
                 }
-                let none = || ApiError::new(Code::NotFound, "there is no such slice");
                 let JobRequest::Stack(request) = &job.request else { return Err(none()) };
                 let metadata = &app.store.metadata;
                 let profile = metadata.profile_of_job(&job.rig, &job.lens, request.profile_revision).await?;
                 let profile = profile.ok_or_else(none)?.input;
-                let recipe = SliceRecipe { profile, options: request.options.clone(), index };
+                let recipe = SliceRecipe { profile, options: request.options.clone(), slice: (light, index) };
                 app.conversions.get(&request.upload.key, &stack, Conversion::Slice(Arc::new(recipe))).await
             }
         }
     }
 }
 
-/// Number of slices that can be shown: all as long as the zip is stored on this machine. Slices of a zip in a bucket
+/// A light whose slices can be shown.
+#[derive(Debug)]
+pub struct ShownLight<'a> {
+    /// Its name in URLs.
+    pub name: &'a str,
+    /// Which light it is.
+    pub light: SliceLight,
+    /// Number of its slices, at least 1.
+    pub slices: usize,
+}
+
+/// The lights whose slices can be shown: all as long as the zip is stored on this machine. Slices of a zip in a bucket
 /// are not shown: each would fetch the directory of the zip and the slice from the bucket again.
-pub fn slices_shown(app: &App, job: &Job) -> usize {
+pub fn lights_shown<'a>(app: &App, job: &'a Job) -> Vec<ShownLight<'a>> {
     let is_here = !job.upload_removed && app.store.blobs.is_local() && outcome::of_stack(job).is_ok();
-    if is_here { job.request.layout().map_or(0, |layout| layout.front.len()) } else { 0 }
+    let Some(layout) = job.request.layout().filter(|_| is_here) else { return Vec::new() };
+    let of = |name: &'a str, light: SliceLight, slices: &[String]| ShownLight { name, light, slices: slices.len() };
+    let mut all = vec![of("front", SliceLight::Front, &layout.front), of("back", SliceLight::Back, &layout.back)];
+    let further = layout.lights.iter().enumerate();
+    all.extend(further.map(|(at, light)| of(&light.name, SliceLight::Further(at), &light.slices)));
+    all.retain(|light| light.slices > 0);
+    all
 }
 
 /// The endpoint.
@@ -115,8 +137,7 @@ pub async fn get(
     let job = load(&app, id, JobKind::Stack).await?;
     let version = match &picture {
         Picture::Artifact(artifact, _) => &outcome::artifact(&job, artifact)?.sha256,
-        Picture::Slice(index) if *index < slices_shown(&app, &job) => &artifact,
-        Picture::Slice(_) => return Err(none()),
+        Picture::Slice(..) => &artifact,
     };
     let tag = format!("{version}-tile-{}", env!("CARGO_PKG_VERSION"));
     let keep = HeaderValue::from_static("private, max-age=604800, immutable");

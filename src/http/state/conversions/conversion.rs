@@ -4,10 +4,13 @@ use std::{path::Path, sync::Arc};
 
 use tempfile::NamedTempFile;
 
-use crate::contract::{
-    Fault,
-    artifact::{Colours, FileFormat},
-    options::StackOptions,
+use crate::{
+    contract::{
+        Fault,
+        artifact::{Colours, FileFormat},
+        options::StackOptions,
+    },
+    jobs::SliceLight,
 };
 use pinstack_science::types::profile::ProfileInput;
 
@@ -35,8 +38,8 @@ pub enum Form {
     File(FileFormat),
     /// All resolutions, for a viewer.
     Pyramid(Colours),
-    /// The same of the slice with this index in the order of fusion.
-    Slice(usize),
+    /// The same of the slice of this light with this index in the order of fusion.
+    Slice(SliceLight, usize),
 }
 
 /// What a slice of a stack is warped with.
@@ -46,8 +49,8 @@ pub struct SliceRecipe {
     pub profile: ProfileInput,
     /// The options of the stack.
     pub options: StackOptions,
-    /// Index of the slice in the order of fusion.
-    pub index: usize,
+    /// The light of the slice, and its index in the order of fusion.
+    pub slice: (SliceLight, usize),
 }
 
 /// How a file is made.
@@ -66,7 +69,7 @@ impl Conversion {
         match self {
             Self::File(format) => Form::File(*format),
             Self::Pyramid(colours) => Form::Pyramid(*colours),
-            Self::Slice(recipe) => Form::Slice(recipe.index),
+            Self::Slice(recipe) => Form::Slice(recipe.slice.0, recipe.slice.1),
         }
     }
 }

@@ -93,8 +93,8 @@ impl Maker {
                 Stored::File(picture, format) => convert(picture.path(), file.as_file(), *format)?,
                 Stored::Pyramid(picture, colours) => pyramid::write(picture.path(), file.as_file(), *colours)?,
                 Stored::Slice(zip, recipe) => {
-                    let SliceRecipe { profile, options, index } = &**recipe;
-                    let slice = match (slice_view(zip.bytes(), profile, options, *index, &limits), zip.failure()) {
+                    let SliceRecipe { profile, options, slice } = &**recipe;
+                    let slice = match (slice_view(zip.bytes(), profile, options, *slice, &limits), zip.failure()) {
                         (Ok(slice), _) => slice,
                         (Err(_), Some(error)) => return Ok(Err(ApiError::from(error).fault().clone())),
                         (Err(fault), None) => return Ok(Err(fault)),

@@ -3,7 +3,10 @@
 use tempfile::NamedTempFile;
 
 use super::*;
-use crate::contract::artifact::{Colours, FileFormat};
+use crate::{
+    contract::artifact::{Colours, FileFormat},
+    jobs::SliceLight,
+};
 
 /// Adds a file, made now.
 fn keep(cache: &mut Cache, digest: &str, form: Form, length: u64) {
@@ -26,7 +29,7 @@ fn digests(cache: &Cache) -> Vec<&str> {
 
 #[test]
 fn the_file_that_was_used_longest_ago_is_evicted() {
-    for form in [Form::File(FileFormat::Tiff), Form::Pyramid(Colours::Plain), Form::Slice(0)] {
+    for form in [Form::File(FileFormat::Tiff), Form::Pyramid(Colours::Plain), Form::Slice(SliceLight::Front, 0)] {
         let mut cache = Cache::default();
         for digest in ["a", "b", "c"] {
             keep(&mut cache, digest, form, KEEP_BYTES / 3);
@@ -43,14 +46,14 @@ fn the_file_that_was_used_longest_ago_is_evicted() {
 fn the_number_of_files_is_limited_and_at_least_one_stays() {
     let mut cache = Cache::default();
     for index in 0..=KEEP_FILES {
-        keep(&mut cache, "stack", Form::Slice(index), 1);
+        keep(&mut cache, "stack", Form::Slice(SliceLight::Front, index), 1);
     }
-    assert!(uses(&mut cache, "stack", Form::Slice(0)));
+    assert!(uses(&mut cache, "stack", Form::Slice(SliceLight::Front, 0)));
     cache.evict();
     assert_eq!(cache.entries.len(), KEEP_FILES);
-    assert!(uses(&mut cache, "stack", Form::Slice(0)), "it was used");
-    assert!(!uses(&mut cache, "stack", Form::Slice(1)), "it was used longest ago");
-    keep(&mut cache, "large", Form::Slice(0), 2 * KEEP_BYTES);
+    assert!(uses(&mut cache, "stack", Form::Slice(SliceLight::Front, 0)), "it was used");
+    assert!(!uses(&mut cache, "stack", Form::Slice(SliceLight::Front, 1)), "it was used longest ago");
+    keep(&mut cache, "large", Form::Slice(SliceLight::Front, 0), 2 * KEEP_BYTES);
     cache.evict();
     assert_eq!(digests(&cache), ["large"]);
 }
