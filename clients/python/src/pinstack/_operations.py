@@ -24,7 +24,7 @@ Reference = Union[str, Mapping[str, Any]]
 #: Options of a scan that say what names mean.
 RULES = frozenset({"x", "x_degrees_per_unit", "x_zero", "y", "y_degrees_per_unit", "y_zero"})
 #: Columns of the table of a scan that are text, also when all their values look like numbers.
-TEXTS = ("name", "label", "stack", "state", "error", "findings", "outliers")
+TEXTS = ("name", "label", "stack", "state", "verdict", "error", "findings", "outliers")
 #: Media types by the ending of a file name.
 TYPES = {".tif": "image/tiff", ".tiff": "image/tiff", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
 
