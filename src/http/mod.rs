@@ -19,6 +19,7 @@ pub mod job_endpoints;
 pub mod job_resource;
 pub mod log;
 pub mod middleware;
+pub mod notes;
 pub mod optics;
 pub mod pages;
 pub mod poses;

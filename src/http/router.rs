@@ -18,7 +18,7 @@ use utoipa_axum::{router::OpenApiRouter, routes};
 use super::{
     App, calibrations, job_endpoints,
     middleware::{auth, browser, cors, method, observe, prefix, problems, request_id, security, slot, trace, whole},
-    optics, pages, poses, profiles, reconstructions, scans, stacks, system, targets, uploads,
+    notes, optics, pages, poses, profiles, reconstructions, scans, stacks, system, targets, uploads,
 };
 
 /// The OpenAPI document of [`routes()`], built at its first use.
@@ -37,6 +37,8 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(profiles::camera::add))
         .routes(routes!(profiles::export::export))
         .routes(routes!(profiles::import::import))
+        .routes(routes!(notes::profiles::list, notes::profiles::add))
+        .routes(routes!(notes::profiles::delete))
         // calibrations
         .routes(routes!(calibrations::create::create))
         .routes(routes!(job_endpoints::calibrations::list))
@@ -56,6 +58,8 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(stacks::lights::light))
         .routes(routes!(stacks::rerun::rerun))
         .routes(routes!(stacks::upload::upload))
+        .routes(routes!(notes::stacks::list, notes::stacks::add))
+        .routes(routes!(notes::stacks::delete))
         // scans
         .routes(routes!(scans::list::list))
         .routes(routes!(scans::get::get, scans::put::put, scans::delete::delete))
@@ -65,6 +69,8 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(scans::bundle::bundle))
         .routes(routes!(scans::poses::poses))
         .routes(routes!(scans::groupings::group))
+        .routes(routes!(notes::scans::list, notes::scans::add))
+        .routes(routes!(notes::scans::delete))
         .routes(routes!(poses::create::create))
         // reconstructions
         .routes(routes!(reconstructions::create::create, reconstructions::list::list))

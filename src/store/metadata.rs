@@ -6,12 +6,14 @@ use async_trait::async_trait;
 use tokio::sync::broadcast;
 use uuid::Uuid;
 
-use super::{Expiry, JobQueue, Leases, ProfileStore, ScanStore, StoreResult, Tokens, Totals, UploadRecords};
+use super::{Expiry, JobQueue, Leases, NoteStore, ProfileStore, ScanStore, StoreResult, Tokens, Totals, UploadRecords};
 
 /// All metadata of the service behind one handle. Each part is a trait of its own with a conformance suite that runs on
 /// every engine.
 #[async_trait]
-pub trait MetadataStore: ProfileStore + ScanStore + JobQueue + Leases + Expiry + UploadRecords + Tokens {
+pub trait MetadataStore:
+    ProfileStore + ScanStore + NoteStore + JobQueue + Leases + Expiry + UploadRecords + Tokens
+{
     /// Sends the id of a job or an upload after each visible change that this process made. Listeners poll as well,
     /// because other processes change rows too.
     fn changes(&self) -> broadcast::Receiver<Uuid>;

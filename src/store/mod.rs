@@ -2,7 +2,7 @@
 //!
 //! | part of [`Store`] | trait | engine |
 //! |---|---|---|
-//! | profiles, scans, jobs, leases, expiry, resumable uploads, tokens | [`MetadataStore`] | [`sqlite`], or [`postgres`] for several machines |
+//! | profiles, scans, notes, jobs, leases, expiry, resumable uploads, tokens | [`MetadataStore`] | [`sqlite`], or [`postgres`] for several machines |
 //! | uploads and results by key | [`BlobStore`] | [`local`], or [`s3`] for several machines |
 //! | bytes of resumable uploads while they arrive | [`UploadParts`] | the same |
 //! | scratch of this process | [`Workspace`], not a trait | |
@@ -30,6 +30,7 @@ pub mod json;
 pub mod leases;
 pub mod local;
 pub mod metadata;
+pub mod notes;
 pub mod page;
 pub mod parts;
 pub mod postgres;
@@ -60,6 +61,7 @@ pub use expiry::{Expiry, Retention};
 pub use jobs::{BlobOwner, CancelRequest, Enqueue, EnqueueAll, Job, JobCounts, JobFilter, JobQueue, NewJob, OverQuota};
 pub use leases::{Attempt, Finish, Heartbeat, Leases};
 pub use metadata::MetadataStore;
+pub use notes::NoteStore;
 pub use page::{Page, PageRequest, Skipped};
 pub use parts::UploadParts;
 pub use postgres::DatabaseUrl;
@@ -76,7 +78,7 @@ use std::sync::Arc;
 /// The store of the service: one handle per part. Cheap to clone.
 #[derive(Clone)]
 pub struct Store {
-    /// Profiles, scans, jobs, uploads, tokens.
+    /// Profiles, scans, notes, jobs, uploads, tokens.
     pub metadata: Arc<dyn MetadataStore>,
     /// Uploads and results.
     pub blobs: Arc<dyn BlobStore>,

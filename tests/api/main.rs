@@ -21,6 +21,7 @@ mod lights;
 mod logs;
 mod names;
 mod not_utf8;
+mod notes;
 mod odd_stacks;
 mod optics;
 mod pages;

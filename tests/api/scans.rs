@@ -110,8 +110,10 @@ async fn the_table_shows_views_by_angle_and_the_newest_stack_that_did_not_fail()
     let text = csv.text().await.unwrap();
     let lines: Vec<&str> = text.lines().collect();
     assert_eq!(lines.len(), 4);
-    assert!(lines[0].starts_with("name,label,pan_deg,tilt_deg,stack,state"), "{text}");
+    assert!(lines[0].starts_with("name,label,pan_deg,tilt_deg,stack,state,verdict,"), "{text}");
     assert!(lines[1].starts_with("pan000_tilt06,,0,6,/v1/stacks/"), "{text}");
+    let verdict = table["views"][0]["verdict"].as_str().expect("it has succeeded");
+    assert!(lines[1].contains(&format!(",succeeded,{verdict},")), "{text}");
 }
 
 #[tokio::test]

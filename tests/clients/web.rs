@@ -3,10 +3,16 @@
 use std::{fs, path::Path, process::Command};
 
 use pinstack::http::pages::model::model_viewer;
+use pinstack_science::{
+    archive,
+    imaging::codec,
+    synth::{Light, Rig, Scene, Stage},
+    types::Homography,
+};
 
 use crate::{
     run,
-    server::{Server, small_rig, write_slices, write_stack_of},
+    server::{Server, profile_of, small_rig, write_slices, write_stack_of},
 };
 
 const SUITE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/clients/web/suite.cjs");
@@ -63,6 +69,55 @@ fn with_work() -> Server {
         let stack = server.fuse(&zip, &format!("&scan=bee&pan_deg={pan}&tilt_deg=0"));
         assert_eq!(stack["state"], "succeeded", "{stack}");
     }
+    server
+}
+
+/// A server with a stack for each kind of button that findings have. One of them is a view of the scan `bee`.
+fn with_findings() -> Server {
+    let server = Server::start();
+    let rig = Rig::sized(480, 360, 13);
+    server.put_profile(&rig);
+    let stage = Stage::new(&rig, &Scene::insect(1));
+    let jpegs = |light| (0..rig.slices()).map(|k| codec::encode_jpeg(&stage.render(light, k), 92)).collect::<Vec<_>>();
+    let lights = [Light::Front, Light::Back].map(jpegs);
+    let zipped = |name: &str, folders: [&str; 2]| {
+        let zip = server.folder.path().join(name);
+        let members = folders.into_iter().zip(&lights).flat_map(|(folder, slices)| {
+            slices.iter().enumerate().map(move |(k, jpeg)| (format!("{folder}/{k:02}.jpg"), jpeg.clone()))
+        });
+        archive::pack(fs::File::create(&zip).expect("a file"), members).expect("a zip");
+        zip
+    };
+    let (right, exchanged) = (zipped("right.zip", ["front", "back"]), zipped("exchanged.zip", ["back", "front"]));
+    let put = |body: &str, path: &str| {
+        server.curl(&["-X", "PUT", "-H", "Content-Type: application/json", "-d", body], path);
+    };
+    put(r#"{"rig":"rig","lens":"lens"}"#, "/v1/scans/bee");
+    for (zip, query) in [
+        (&right, "&scan=bee&pan_deg=0&tilt_deg=0"),
+        (&exchanged, "&scan=bee&pan_deg=20&tilt_deg=0&label=exchanged"),
+        (&right, "&scan=bee&pan_deg=0&tilt_deg=10"),
+        (&right, "&scan=bee&pan_deg=20&tilt_deg=10"),
+        (&right, "&order=reverse&label=reversed"),
+        (&right, "&method=pyramid&r1=9&label=unused"),
+    ] {
+        let stack = server.fuse(zip, query);
+        assert_eq!(stack["state"], "succeeded", "{stack}");
+    }
+    // a revision with a wrong magnification of each slice, and then the right one again
+    let profile = profile_of(&rig);
+    let mut wrong = profile.clone();
+    wrong["homographies"] = (0..rig.slices())
+        .map(|k| {
+            let scale = 1.0 + 0.05 * (k as f64 - rig.reference as f64) / rig.slices() as f64;
+            let shift = [479.0 / 2.0 * (1.0 - scale), 359.0 / 2.0 * (1.0 - scale)];
+            rig.homography(k).then(&Homography::similarity(scale, shift)).expect("an invertible homography")
+        })
+        .map(|homography| serde_json::json!(homography))
+        .collect();
+    put(&wrong.to_string(), "/v1/profiles/rig/lens");
+    assert_eq!(server.fuse(&right, "&label=misfit")["state"], "succeeded");
+    put(&profile.to_string(), "/v1/profiles/rig/lens");
     server
 }
 
@@ -246,4 +301,22 @@ fn an_upload_goes_on_after_the_person_signed_in_again() {
 #[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
 fn a_server_that_is_gone_is_told_and_the_page_goes_on_when_it_is_back() {
     scenario("gone", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn each_button_of_a_finding_does_what_it_says() {
+    scenario("advice", &with_findings());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn notes_are_written_and_deleted_on_the_pages_and_two_tabs_tell_the_truth() {
+    scenario("notes", &with_work());
+}
+
+#[test]
+#[ignore = "needs curl, chromium, node, playwright-core, axe-core"]
+fn no_page_scrolls_sideways_when_it_is_enlarged() {
+    scenario("zoom", &with_work());
 }

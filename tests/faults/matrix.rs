@@ -49,6 +49,7 @@ pub async fn day(mut story: Story) -> Vec<String> {
     insist!(story.profile());
 
     insist!(story.scan());
+    insist!(story.note("note"));
     let views = insist!(story.archive("scan"));
     assert_eq!(views.len(), 2, "both views became stacks");
     assert_eq!(insist!(story.archive("scan")), views, "a repeat is answered with the first stacks");

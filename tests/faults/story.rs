@@ -2,6 +2,7 @@
 //! as clients do, and verifies that everything acknowledged still holds.
 
 mod calibrations;
+mod notes;
 mod uploads;
 
 use std::{

@@ -134,6 +134,9 @@ def calls(client: Client, folder: Path) -> Dict[str, Callable[[], Any]]:
             client.poses(b"name,x,y,z\n", scan="s", pair_from="a", pair_to="b", pair_mm=1.5),
             client.poses(b"name,x,y,z\n", length_from=(0, 0.5, 1), length_to=[1, 2, -3], length_mm=1.5),
         ),
+        "list_notes": lambda: (client.list_notes(ID), client.list_notes(profile=("rig", "lens"))),
+        "add_note": lambda: (client.add_note("a", ID), client.add_note("b", scan="s")),
+        "delete_note": lambda: client.delete_note(ID, scan="s"),
         "request": lambda: client.request("GET", "/v1/profiles/rig/lens/drift", query={"from": "1"}),
     }
 

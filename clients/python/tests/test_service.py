@@ -143,6 +143,17 @@ def views(zips: Path, tmp_path: Path) -> Path:
     return folder
 
 
+def test_notes_are_written_listed_and_deleted(client: Client, calibrated: Tuple[str, str]) -> None:
+    note = client.add_note("the rail was cleaned\nand oiled", profile=calibrated)
+    assert client.list_notes(profile=calibrated) == [note]
+    assert (note["text"], note["author"]) == ("the rail was cleaned\nand oiled", None)
+    client.delete_note(note["id"], profile=calibrated)
+    client.delete_note(note["id"], profile=calibrated)
+    assert client.list_notes(profile=calibrated) == []
+    with pytest.raises(ValueError, match="stack, scan or profile"):
+        client.add_note("about what?")
+
+
 def test_a_folder_of_views_becomes_a_scan_with_a_table_and_a_bundle(
     client: Client, calibrated: Tuple[str, str], views: Path, tmp_path: Path
 ) -> None:

@@ -15,7 +15,7 @@ ROOTS = [
     "Calibration", "CalibrationOptions", "ErrorLocation", "Info", "Metrics", "NameGrouping", "PoseReport", "Problem",
     "Profile", "ProfileInput", "ProfileSummary", "Progress", "RerunOptions", "ResumableUpload", "ScanArchiveView",
     "Scan", "ScanInput", "ScanRerun", "ScanWithViews", "Stack", "StackOptionsInput", "StackTotals",
-    "Reconstruction",
+    "Note", "Reconstruction",
 ]  # fmt: skip
 
 HEAD = '''"""Types of the JSON documents of the service. Written by ``tools/models.py``; do not edit.

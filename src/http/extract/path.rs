@@ -39,7 +39,7 @@ impl<S: Send + Sync> FromRequestParts<S> for JobId {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
-        Ok(Self(id(parts, state, "job").await?))
+        Ok(Self(id(parts, state, "id", "job").await?))
     }
 }
 
@@ -51,7 +51,19 @@ impl<S: Send + Sync> FromRequestParts<S> for UploadId {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
-        Ok(Self(id(parts, state, "upload").await?))
+        Ok(Self(id(parts, state, "id", "upload").await?))
+    }
+}
+
+/// `{note}`: the id of a note.
+#[derive(Debug, Clone, Copy)]
+pub struct NoteId(pub Uuid);
+
+impl<S: Send + Sync> FromRequestParts<S> for NoteId {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        Ok(Self(id(parts, state, "note", "note").await?))
     }
 }
 
@@ -67,10 +79,10 @@ impl<S: Send + Sync> FromRequestParts<S> for LightName {
     }
 }
 
-async fn id<S: Send + Sync>(parts: &mut Parts, state: &S, what: &'static str) -> Result<Uuid, ApiError> {
+async fn id<S: Send + Sync>(parts: &mut Parts, state: &S, segment: &str, what: &'static str) -> Result<Uuid, ApiError> {
     // invalid UTF-8 is not an id either
     let segments = segments(parts, state).await.unwrap_or_default();
-    let text = segments.get("id").map(String::as_str).unwrap_or_default();
+    let text = segments.get(segment).map(String::as_str).unwrap_or_default();
     let id = Uuid::parse_str(text)
         .map_err(|_| ApiError::new(Code::NotFound, format!("there is no {what} '{}'", shortened(text))))?;
     log::note(what, id);

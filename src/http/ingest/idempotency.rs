@@ -44,7 +44,11 @@ impl IdempotencyKey {
     }
 }
 
-fn parse(headers: &HeaderMap) -> ApiResult<Option<String>> {
+/// The header, if the request has it.
+///
+/// # Errors
+/// `invalid_request` unless it is 1 to 255 printable characters.
+pub fn parse(headers: &HeaderMap) -> ApiResult<Option<String>> {
     let Some(value) = headers.get(IDEMPOTENCY_KEY) else { return Ok(None) };
     let text = value.to_str().unwrap_or_default().trim();
     if (1..=255).contains(&text.len()) && text.bytes().all(|b| b.is_ascii_graphic() || b == b' ') {

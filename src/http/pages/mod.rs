@@ -6,6 +6,7 @@
 //! | [`frame`] | what the pages have in common: head, navigation, style sheet, content policy |
 //! | [`assets`] | style sheet, scripts and icon, embedded in the program |
 //! | [`ball`], [`model`] | views and models in three dimensions: what scripts draw, and their places |
+//! | [`notes`] | what people wrote about a stack, a scan or a profile |
 //! | [`errors`] | errors of pages as pages |
 //! | [`guide`] | the Markdown files of `docs/`, to read in the browser |
 //! | [`calibration_report`], [`pose_report`] | reports: single files that load nothing and can be mailed |
@@ -23,6 +24,7 @@ pub mod guide;
 pub mod home;
 mod html;
 pub mod model;
+pub mod notes;
 pub mod plan;
 pub mod pose_report;
 pub mod profiles;

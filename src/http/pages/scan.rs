@@ -9,6 +9,7 @@ use maud::{Markup, html};
 use super::{
     ball::{self, BallView, Mark},
     frame::{Frame, PageUser, Place, respond},
+    notes,
     profiles::camera,
     reconstruction,
     stacks::thumbnail,
@@ -23,6 +24,7 @@ use crate::{
         scans::{ScanName, find, table::views},
         views::{ScanWithViews, scan::ScanView},
     },
+    store::notes::Subject,
 };
 use pinstack_science::photogrammetry::bundle::Layout;
 
@@ -74,6 +76,7 @@ pub async fn page(
     if part.is_some() {
         return Ok(respond(html! { (lead) (live) }));
     }
+    let notes = notes::section(&app, &caller, &Subject::Scan(name.clone()), user.stacks).await?;
     let frame = Frame { title: name.as_str(), place: Place::Scans, user: Some(&user), script: Some("scan.js") };
     let input = &scan.scan.input;
     Ok(frame.answer(html! {
@@ -101,6 +104,7 @@ pub async fn page(
         div id="lead" { (lead) }
         (ball::section())
         div id="views" data-scan=(name) { (live) }
+        (notes)
         (reconstruction::section(&reconstructed, user.stacks, scan.summary.succeeded > 0, app.policy.reconstructs))
         (reconstruction::model(&latest))
         (files(&scan, has_camera))

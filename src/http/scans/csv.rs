@@ -8,25 +8,29 @@ use axum::{
 use serde::Deserialize;
 
 use super::{ScanName, find, table::views};
-use crate::http::{
-    ApiResult, App,
-    artifacts::name::attachment,
-    auth::Caller,
-    extract::params,
-    views::{ScanWithViews, scan::ScanView},
+use crate::{
+    contract::Verdict,
+    http::{
+        ApiResult, App,
+        artifacts::name::attachment,
+        auth::Caller,
+        extract::params,
+        views::{ScanWithViews, scan::ScanView},
+    },
 };
 
 /// A column: its name, and how it is written.
 type Column = (&'static str, fn(&ScanView) -> String);
 
 /// The columns.
-const COLUMNS: [Column; 17] = [
+const COLUMNS: [Column; 18] = [
     ("name", |view| view.name.clone()),
     ("label", |view| view.label.clone().unwrap_or_default()),
     ("pan_deg", |view| number(view.pan_deg)),
     ("tilt_deg", |view| number(view.tilt_deg)),
     ("stack", |view| view.stack.clone()),
     ("state", |view| view.state.as_str().to_owned()),
+    ("verdict", |view| view.verdict.map(Verdict::as_str).unwrap_or_default().to_owned()),
     ("error", |view| view.error.as_ref().map(|problem| problem.detail.clone()).unwrap_or_default()),
     ("profile_revision", |view| view.profile_revision.to_string()),
     ("width_px", |view| view.image_size_px.map(|size| size[0].to_string()).unwrap_or_default()),
@@ -50,7 +54,7 @@ struct CsvParameters {
 
 /// Get the views of a scan as CSV
 ///
-/// One row per view with its state, metrics and outliers, as `GET /v1/scans/{scan}` shows them (RFC 4180, UTF-8,
+/// One row per view with its state, verdict, metrics and outliers, as `GET /v1/scans/{scan}` shows them (RFC 4180, UTF-8,
 /// decimal points). An empty field means unknown.
 #[utoipa::path(
     get,

@@ -27,6 +27,7 @@ pub mod jobs;
 pub mod leases;
 pub mod line;
 pub mod memory;
+pub mod notes;
 pub mod parts;
 pub mod profiles;
 pub mod scans;

@@ -47,6 +47,9 @@ macro_rules! metadata_conformance {
                 a_reconstruction_is_left_to_workers_that_can_run_it_and_keeps_no_scan,
                 several_jobs_are_accepted_together_or_not_at_all,
                 an_upload_becomes_the_stacks_of_a_scan_once;
+            notes:
+                notes_are_kept_in_their_order_once_and_up_to_a_limit,
+                notes_are_deleted_with_what_they_are_about;
             uploads:
                 open_uploads_are_listed_newest_first_with_their_tokens,
                 a_quota_holds_under_concurrent_requests,

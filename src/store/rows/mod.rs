@@ -7,6 +7,7 @@ pub(in crate::store) mod clock_gaps;
 mod error;
 pub(in crate::store) mod expired_leases;
 mod from_row;
+pub(in crate::store) mod note;
 pub(in crate::store) mod page;
 pub(in crate::store) mod profile;
 pub(in crate::store) mod scan;

@@ -56,7 +56,7 @@ macro_rules! tables {
 }
 
 /// Every table, those first to which others refer.
-pub(in crate::store) const TABLES: [Table; 12] = tables! {
+pub(in crate::store) const TABLES: [Table; 13] = tables! {
     profiles { rig Text, lens Text, last_revision Integer, current_revision Integer }
     revisions numbered { seq Integer, rig Text, lens Text, revision Integer, body Text, deleted_at Integer }
     revision_heads { seq Integer, head Text }
@@ -74,6 +74,9 @@ pub(in crate::store) const TABLES: [Table; 12] = tables! {
     scans numbered {
         seq Integer, name Text, rig Text, lens Text, body Text, version Integer, owner Id, created_at Integer,
         updated_at Integer,
+    }
+    notes numbered {
+        seq Integer, id Id, stack Id, scan Text, rig Text, lens Text, text Text, author Text, created_at Integer,
     }
     uploads {
         id Id, length Integer, received Integer, digest Bytes, metadata Text, job_kind Text, fault Text,

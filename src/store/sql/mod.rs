@@ -22,6 +22,7 @@ mod clock_gaps;
 mod expiry;
 mod jobs;
 mod leases;
+mod notes;
 mod profiles;
 mod quota;
 mod scans;

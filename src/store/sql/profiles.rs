@@ -146,6 +146,11 @@ impl ProfileStore for Metadata {
                 .bind(now)
                 .execute(&mut *tx)
                 .await?;
+            sqlx::query("DELETE FROM notes WHERE rig = $1 AND lens = $2")
+                .bind(rig.as_str())
+                .bind(lens.as_str())
+                .execute(&mut *tx)
+                .await?;
             self.commit(tx, "rows.delete_profile", Notice::None).await?;
             Ok(DeleteProfile::Deleted)
         })

@@ -386,6 +386,7 @@ const scenarios = {
 
 Object.assign(scenarios, require('./scenes.cjs')({ opened, base, folder }));
 Object.assign(scenarios, require('./comparing.cjs')({ opened, base }));
+Object.assign(scenarios, require('./mending.cjs')({ base, opened }));
 Object.assign(scenarios, require('./forms.cjs')({ base, folder, opened, describe, send, finished, zip, TUS }));
 
 (async () => {

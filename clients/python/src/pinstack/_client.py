@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional, Sequence, Union
+from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional, Sequence, Tuple, Union
 
 from . import models
 from ._events import OnProgress
 from ._http import Request, Retry, path, query, send
-from ._operations import Operations, Reference, job_path
+from ._operations import Operations, Reference, job_path, notes_path
 from ._transport import SyncTransport
 from ._uploads import OnBytes
 from ._zips import PathLike, Sendable
@@ -479,6 +479,43 @@ class Client:
     def get_reconstruction(self, id: str) -> models.Reconstruction:
         """A reconstruction."""
         return self._transport.run(self._do.get(path("v1", "reconstructions", id)))
+
+    # -- notes ---------------------------------------------------------------------------------------------------------
+
+    def list_notes(
+        self,
+        stack: Optional[Reference] = None,
+        *,
+        scan: Optional[str] = None,
+        profile: Optional[Tuple[str, str]] = None,
+    ) -> List[models.Note]:
+        """What people wrote about a stack, a scan, or the profile of a rig and lens, the oldest first."""
+        return self._transport.run(self._do.list_notes(notes_path(stack, scan, profile)))
+
+    def add_note(
+        self,
+        text: str,
+        stack: Optional[Reference] = None,
+        *,
+        scan: Optional[str] = None,
+        profile: Optional[Tuple[str, str]] = None,
+    ) -> models.Note:
+        """Writes a note of 1 to 2,000 characters about a stack, a scan, or the profile of a rig and lens.
+
+        >>> client.add_note("left antenna broken", scan="beetle")                          # doctest: +SKIP
+        """
+        return self._transport.run(self._do.add_note(notes_path(stack, scan, profile), text))
+
+    def delete_note(
+        self,
+        id: str,
+        stack: Optional[Reference] = None,
+        *,
+        scan: Optional[str] = None,
+        profile: Optional[Tuple[str, str]] = None,
+    ) -> None:
+        """Deletes a note; only its author and an admin may. Nothing if there is none."""
+        return self._transport.run(self._do.delete(f"{notes_path(stack, scan, profile)}{path(id)}"))
 
     # -- anything else -------------------------------------------------------------------------------------------------
 

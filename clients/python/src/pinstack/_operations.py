@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
+import uuid
 import zipfile
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Optional, Sequence, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 from . import _arrays, _downloads, _events, _uploads
 from ._errors import PinstackError
@@ -24,7 +25,7 @@ Reference = Union[str, Mapping[str, Any]]
 #: Options of a scan that say what names mean.
 RULES = frozenset({"x", "x_degrees_per_unit", "x_zero", "y", "y_degrees_per_unit", "y_zero"})
 #: Columns of the table of a scan that are text, also when all their values look like numbers.
-TEXTS = ("name", "label", "stack", "state", "error", "findings", "outliers")
+TEXTS = ("name", "label", "stack", "state", "verdict", "error", "findings", "outliers")
 #: Media types by the ending of a file name.
 TYPES = {".tif": "image/tiff", ".tiff": "image/tiff", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
 
@@ -81,6 +82,15 @@ class Operations:
             if cursor is None:
                 break
         return items[:most]
+
+    # -- notes ---------------------------------------------------------------------------------------------------------
+
+    def list_notes(self, at: str) -> Operation[List[Any]]:
+        return (yield from self.get(at))["items"]
+
+    def add_note(self, at: str, text: str) -> Operation[Any]:
+        # a repetition after a broken connection gets the note of the first request
+        return self.post(at, {"text": text}, {"idempotency-key": str(uuid.uuid4())})
 
     # -- profiles ------------------------------------------------------------------------------------------------------
 
@@ -278,6 +288,16 @@ class Operations:
         headers = {"content-type": "application/octet-stream"}
         request = Request("POST", at, query(**options), headers, body, repeatable=True)
         return (yield from send(request, self.retry)).json()
+
+
+def notes_path(stack: Optional[Reference], scan: Optional[str], profile: Optional[Tuple[str, str]]) -> str:
+    """The path of the notes about a stack, a scan or a profile, of which one is given."""
+    given = [job_path(stack)] if stack is not None else []
+    given += [path("v1", "scans", scan)] if scan is not None else []
+    given += [path("v1", "profiles", *profile)] if profile is not None else []
+    if len(given) != 1:
+        raise ValueError("give stack, scan or profile")
+    return f"{given[0]}/notes"
 
 
 def poses_of(path: Path) -> bytes:

@@ -493,6 +493,15 @@ class NamedView(TypedDict):
     tilt_deg: NotRequired[Optional[float]]
 
 
+class Note(TypedDict):
+    """A note about a stack, a scan or a profile."""
+
+    author: NotRequired[Optional[Name]]
+    created_at: str
+    id: str
+    text: str
+
+
 class PoseReport(TypedDict):
     """How well the poses of a scan fit a turntable."""
 

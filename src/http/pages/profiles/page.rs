@@ -8,14 +8,16 @@ use crate::{
     contract::{ProfileSummary, profile::Profile},
     http::{
         ApiResult, App,
+        auth::Caller,
         extract::ProfileKey,
         pages::{
             frame::{Frame, PageUser, Place},
+            notes,
             words::{date, sentence, text},
         },
         profiles::find,
     },
-    store::PageRequest,
+    store::{PageRequest, notes::Subject},
 };
 
 /// Revisions on the page.
@@ -25,13 +27,19 @@ const ROWS: u32 = 50;
 ///
 /// # Errors
 /// `profile_not_found`.
-pub async fn page(State(app): State<App>, user: PageUser, ProfileKey { rig, lens }: ProfileKey) -> ApiResult<Response> {
+pub async fn page(
+    State(app): State<App>,
+    caller: Caller,
+    user: PageUser,
+    ProfileKey { rig, lens }: ProfileKey,
+) -> ApiResult<Response> {
     let profile = find(&app, &rig, &lens, None).await?;
     let revisions = app.store.metadata.revisions(&rig, &lens, &PageRequest { limit: ROWS, cursor: None }).await?;
     let numbers: Vec<u32> = revisions.items.iter().map(|revision| revision.revision).collect();
     let drift = drift_plot::plot(&app, &rig, &lens, &numbers).await?;
     let title = format!("{rig} · {lens}");
     let export = link!("/v1/profiles/{rig}/{lens}/export");
+    let notes = notes::section(&app, &caller, &Subject::Profile(rig.clone(), lens.clone()), user.profiles).await?;
     let frame = Frame { title: &title, place: Place::Profiles, user: Some(&user), script: Some("profile.js") };
     Ok(frame.answer(html! {
         div.head {
@@ -45,6 +53,7 @@ pub async fn page(State(app): State<App>, user: PageUser, ProfileKey { rig, lens
         (facts(&profile))
         (camera::section(&profile.input, &rig, &lens, user.profiles))
         (drift)
+        (notes)
         h2 { "Revisions" }
         p.soft { "A revision never changes. Each stack names the one that it used." }
         (table(&revisions.items, &export))

@@ -21,12 +21,13 @@ use crate::{
         job_resource::{load, not_found},
         pages::{
             frame::{Frame, PageUser, Place},
+            notes,
             profiles::camera,
             stacks::row,
             words::{sentence, text},
         },
     },
-    store::Job,
+    store::{Job, notes::Subject},
 };
 
 /// The page, or its state alone for the script that follows it (`?part=state`).
@@ -64,6 +65,7 @@ pub async fn page(
     let reference = reference.map(|profile| profile.input.reference_index as usize);
     let current = app.store.metadata.profile(&job.rig, &job.lens, None).await?.map(|profile| profile.input);
     let findings = Findings::of(&app, &job, request, &user).await?;
+    let notes = notes::section(&app, &caller, &Subject::Stack(id), user.stacks).await?;
     let frame = Frame { title: &name, place: Place::Stacks, user: Some(&user), script: Some("stack.js") };
     Ok(frame.answer(html! {
         div.head {
@@ -87,6 +89,7 @@ pub async fn page(
                 "“Fuse again with other options” with the current revision gives it to the image"))
         }
         (findings.notes())
+        (notes)
         (actions::rerun(&job, &user))
         @if let Some(outcome) = outcome { (plots::plots(&outcome.metrics, reference)) }
         div.columns {
