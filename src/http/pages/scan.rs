@@ -101,7 +101,7 @@ pub async fn page(
         div id="lead" { (lead) }
         (ball::section())
         div id="views" data-scan=(name) { (live) }
-        (reconstruction::section(&reconstructed, user.stacks, scan.summary.succeeded > 0, app.policy.reconstructs))
+        (reconstruction::section(&reconstructed, input.reconstruct, user.stacks, scan.summary.succeeded > 0, app.policy.reconstructs))
         (reconstruction::model(&latest))
         (files(&scan, has_camera))
         (poses())

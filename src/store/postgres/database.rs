@@ -30,6 +30,7 @@ pub(in crate::store) const SCHEMA: Schema = Schema(&[
     (6, "service", include_str!("schema/0006_service.sql")),
     (7, "reconstructions", include_str!("schema/0007_reconstructions.sql")),
     (8, "search", include_str!("schema/0008_search.sql")),
+    (9, "auto", include_str!("schema/0009_auto.sql")),
 ]);
 
 impl PostgresMetadata {

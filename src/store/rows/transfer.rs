@@ -73,7 +73,7 @@ pub(in crate::store) const TABLES: [Table; 12] = tables! {
     search_index { version Integer }
     scans numbered {
         seq Integer, name Text, rig Text, lens Text, body Text, version Integer, owner Id, created_at Integer,
-        updated_at Integer,
+        updated_at Integer, reconstructs Flag, examined Text,
     }
     uploads {
         id Id, length Integer, received Integer, digest Bytes, metadata Text, job_kind Text, fault Text,

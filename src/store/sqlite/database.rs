@@ -30,6 +30,7 @@ pub(in crate::store) const SCHEMA: Schema = Schema(&[
     (12, "service", include_str!("schema/0012_service.sql")),
     (13, "reconstructions", include_str!("schema/0013_reconstructions.sql")),
     (14, "search", include_str!("schema/0014_search.sql")),
+    (15, "auto", include_str!("schema/0015_auto.sql")),
 ]);
 
 impl SqliteMetadata {
