@@ -19,6 +19,8 @@ pub mod files {
     pub const POSES: &str = "poses";
     /// The visual hull, GLB.
     pub const HULL: &str = "hull";
+    /// The mesh of an outside program, PLY or GLB.
+    pub const MESH: &str = "mesh";
     /// What COLMAP said.
     pub const LOG: &str = "log";
 }
@@ -195,7 +197,7 @@ pub struct ReconstructedView {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ReconstructionFinding {
     /// `no_model`, `not_registered`, `several_parts`, `turntable_slipped`, `specimen_moved`, `turntable_wobbles`,
-    /// `focal_length_disagrees`, `too_few_features`, `no_surface`, or a code of the report on poses.
+    /// `focal_length_disagrees`, `too_few_features`, `no_surface`, `no_mesh`, or a code of the report on poses.
     pub code: String,
     /// What it is, in which views, and what to do.
     pub detail: String,

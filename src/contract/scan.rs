@@ -56,6 +56,9 @@ pub struct ScanInput {
     /// Which way pan turns, seen from above.
     #[serde(default)]
     pub pan_direction: PanDirection,
+    /// When the scan is reconstructed. `auto` needs `expected_views`.
+    #[serde(default)]
+    pub reconstruct: Reconstruct,
     /// Further entries of your own: at most 100, keys of at most 100 characters, values of at most 4000.
     #[serde(default)]
     pub metadata: BTreeMap<String, String>,
@@ -71,6 +74,18 @@ pub enum PanDirection {
     Counterclockwise,
     /// With growing pan the camera moves clockwise around the object: the table turns counter-clockwise.
     Clockwise,
+}
+
+/// When a scan is reconstructed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Reconstruct {
+    /// When a client asks for it.
+    #[default]
+    OnRequest,
+    /// By itself as well: when as many views as are expected have a result and none is waiting, running or failed, and
+    /// again after views were replaced, added or removed.
+    Auto,
 }
 
 /// A stored scan.
@@ -104,6 +119,9 @@ impl ScanInput {
         };
         if self.expected_views.is_some_and(|views| !(1..=MAX_VIEWS).contains(&views)) {
             violated("expected_views", format!("must be 1 to {MAX_VIEWS}"));
+        }
+        if self.reconstruct == Reconstruct::Auto && self.expected_views.is_none() {
+            violated("expected_views", "must be given with reconstruct=auto, which waits for so many views".to_owned());
         }
         if self.radius_mm.is_some_and(|radius| !(radius > 0.0 && radius <= MAX_RADIUS_MM)) {
             violated("radius_mm", format!("must be above 0 and at most {MAX_RADIUS_MM}"));
@@ -147,6 +165,8 @@ mod tests {
             metadata: BTreeMap::from([(String::new(), String::new())]),
             ..input()
         };
+        let endless = ScanInput { reconstruct: Reconstruct::Auto, ..input() };
+        assert!(endless.check().expect_err("how many views?").detail.contains("expected_views must be given"));
         let fault = wrong.check().expect_err("four rules are broken");
         let pointers: Vec<_> = fault.locations.iter().filter_map(|location| location.pointer.as_deref()).collect();
         assert_eq!(pointers, ["/expected_views", "/radius_mm", "/note", "/metadata"]);

@@ -25,6 +25,17 @@ impl Caller {
         self.0.as_ref().map(|token| token.id)
     }
 
+    /// The token that made something, as a caller. `None` where tokens see only their own things, and this is of none.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub async fn of_owner(app: &App, owner: Option<Uuid>) -> ApiResult<Option<Self>> {
+        match owner {
+            Some(id) => Ok(app.store.metadata.token(id).await?.map(|token| Self(Some(token)))),
+            None => Ok(Some(Self(None)).filter(|_| !app.policy.isolate_tokens)),
+        }
+    }
+
     /// The name of the token.
     pub fn name(&self) -> Option<&Name> {
         self.0.as_ref().map(|token| &token.name)

@@ -20,6 +20,7 @@ use tower::ServiceExt;
 use super::{
     App,
     connections::{Seat, Slots, WriteTimeout, slots::RESERVE},
+    reconstructions::auto,
     router,
     session::OverTls,
 };
@@ -49,6 +50,11 @@ pub async fn serve(app: App, listener: TcpListener) -> io::Result<()> {
 pub async fn serve_over(app: App, listener: TcpListener, tls: Option<TlsAcceptor>) -> io::Result<()> {
     #[expect(clippy::disallowed_methods, reason = "it belongs to no request")]
     let upkeep = tokio::spawn(supervised("upkeep of the metrics", upkeep));
+    #[expect(clippy::disallowed_methods, reason = "it belongs to no request")]
+    let auto = tokio::spawn(supervised("reconstructions without a request", {
+        let app = app.clone();
+        move || auto::watch(app.clone())
+    }));
     let connections = GracefulShutdown::new();
     supervised("accept loop", || accept_all(&app, &listener, tls.clone(), &connections)).await;
     drop(listener);
@@ -56,6 +62,7 @@ pub async fn serve_over(app: App, listener: TcpListener, tls: Option<TlsAcceptor
         tracing::warn!("requests still in progress are aborted");
     }
     upkeep.abort();
+    auto.abort();
     Ok(())
 }
 

@@ -90,7 +90,10 @@ impl JobRunner for ScienceRunner {
     }
 
     fn disk_need(&self, request: &JobRequest) -> u64 {
-        disk::disk_need(request)
+        match (request, &self.colmap) {
+            (JobRequest::Reconstruction(request), Some(colmap)) => colmap.disk_need(request),
+            _ => disk::disk_need(request),
+        }
     }
 
     fn run(&self, context: &JobContext, sink: &dyn ProgressSink) -> Result<JobOutput, JobError> {

@@ -68,6 +68,7 @@ impl Settings {
     pub fn colmap(&self) -> Option<Colmap> {
         Some(Colmap {
             program: find(self.colmap.as_deref())?,
+            mesh_command: self.mesh_command.clone(),
             most_time: Duration::from_secs(60 * self.reconstruction_minutes),
             most_memory: self.memory_mb << 20,
         })

@@ -25,6 +25,13 @@ pub(super) fn is_host(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|b| b.is_ascii_alphanumeric() || b"-._".contains(&b))
 }
 
+/// The absolute path of a program, and arguments of which one says where the output goes.
+pub(super) fn is_mesh_command(words: &[String]) -> bool {
+    words.split_first().is_some_and(|(program, arguments)| {
+        program.starts_with('/') && arguments.iter().any(|argument| argument.contains("{output}"))
+    })
+}
+
 /// The ranges that the texts give; the rule of the setting refuses others.
 pub(super) fn ranges(texts: Vec<String>) -> Vec<AddressRange> {
     texts.iter().filter_map(|text| text.parse().ok()).collect()

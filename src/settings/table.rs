@@ -12,7 +12,7 @@ use super::{
     address_range::AddressRange,
     generate::{converted, settings},
     row::Row,
-    rules::{is_base_url, is_host, is_origin, ranges, seconds_if_any},
+    rules::{is_base_url, is_host, is_mesh_command, is_origin, ranges, seconds_if_any},
     values::{Auth, LogFormat},
 };
 use crate::{
@@ -161,6 +161,11 @@ settings! {
             check |settings| settings.cors_origins.iter().all(|origin| is_origin(origin))
                 => "must be origins as browsers send them: https://lab.example or http://localhost:3000, no path, no *",
             policy cors_origins: Vec<String>;
+        mesh_command = Vec::new(), "mesh-command", "WORD",
+            "Program that makes a mesh of each reconstruction, and its arguments, with {model}, {images}, {masks} and \
+             {output}; one word each time it is given",
+            check |settings| settings.mesh_command.is_empty() || is_mesh_command(&settings.mesh_command)
+                => "must begin with the absolute path of a program, and have an argument with {output}";
     }
     beside {
         archive: ArchiveLimits = ArchiveLimits::default(),

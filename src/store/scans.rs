@@ -17,6 +17,18 @@ pub struct ScanFilter {
     pub owner: Option<Uuid>,
 }
 
+/// A scan whose stacks have changed and all ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SettledScan {
+    /// Its name.
+    pub name: Name,
+    /// The token that created it.
+    pub owner: Option<Uuid>,
+    /// What tells this state of it from others: its version, and of its stacks with results how many they are, the sum
+    /// of their numbers, and the latest end.
+    pub state: String,
+}
+
 /// Result of writing a scan.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PutScan {
@@ -62,6 +74,11 @@ pub trait ScanStore: Send + Sync + 'static {
     async fn scans(&self, filter: &ScanFilter, page: &PageRequest) -> StoreResult<Page<Scan>>;
     /// The names of at most `limit` scans that `owner` may see; `None`: of all.
     async fn scan_names(&self, owner: Option<Uuid>, limit: u32) -> StoreResult<Vec<Name>>;
+    /// Scans to be reconstructed by themselves that were written, or whose stacks with results have changed, since they
+    /// were examined, and none of whose stacks waits or runs; at most 100.
+    async fn settled_scans(&self) -> StoreResult<Vec<SettledScan>>;
+    /// Remembers that this state of a scan was examined.
+    async fn scan_examined(&self, scan: &SettledScan) -> StoreResult<()>;
     /// Deletes a scan that has no stacks.
     async fn delete_scan(&self, name: &Name, condition: Precondition) -> StoreResult<DeleteScan>;
 }

@@ -1,5 +1,8 @@
 //! Reconstructions of scans, by a program that a test writes in place of COLMAP.
 
+mod auto;
+mod mesh;
+
 use std::{
     fs,
     os::unix::fs::PermissionsExt,
@@ -61,26 +64,38 @@ async fn with_views() -> TestApp {
     let app = TestApp::start().await;
     app.with_scan("bee").await;
     for pan in [0, 20, 40, 60] {
-        app.with_stack(&format!("&scan=bee&pan_deg={pan}&tilt_deg=0")).await;
-        let job = app.claim().await;
-        app.finish_stack(&job, |outcome| {
-            outcome.image.intrinsics = Some(Intrinsics {
-                principal_distance_px: 100.0,
-                principal_distance_mm: 50.0,
-                principal_distance_sigma_mm: Some(0.1),
-                pixel_pitch_mm: 0.5,
-                principal_point_px: None,
-                distortion: None,
-            });
-        })
-        .await;
+        view(&app, pan).await;
     }
     app
 }
 
+/// Adds a view with a result to the scan.
+async fn view(app: &TestApp, pan: u32) {
+    app.with_stack(&format!("&scan=bee&pan_deg={pan}&tilt_deg=0")).await;
+    let job = app.claim().await;
+    app.finish_stack(&job, |outcome| outcome.image.intrinsics = Some(camera())).await;
+}
+
+fn camera() -> Intrinsics {
+    Intrinsics {
+        principal_distance_px: 100.0,
+        principal_distance_mm: 50.0,
+        principal_distance_sigma_mm: Some(0.1),
+        pixel_pitch_mm: 0.5,
+        principal_point_px: None,
+        distortion: None,
+    }
+}
+
 /// Workers with this program.
 fn workers(app: &TestApp, program: Option<&Path>, most_time: Duration) -> Pool {
-    let colmap = program.map(|program| Colmap { program: program.to_owned(), most_time, most_memory: 1 << 30 });
+    workers_with(app, program, Vec::new(), most_time)
+}
+
+/// Workers with this program, and a command for meshes.
+fn workers_with(app: &TestApp, program: Option<&Path>, mesh_command: Vec<String>, most_time: Duration) -> Pool {
+    let colmap =
+        program.map(|program| Colmap { program: program.to_owned(), mesh_command, most_time, most_memory: 1 << 30 });
     let runner = ScienceRunner { threads: 1, colmap, ..ScienceRunner::default() };
     let deps = Deps { store: app.store.clone(), disk: Arc::clone(&app.app.disk), runner: Arc::new(runner) };
     let poll = Duration::from_millis(20);

@@ -37,7 +37,7 @@ fn write_files(folder: &Path) {
 /// Writes what the page of a model has, for the scenario that shows one: the test makes the files of the model.
 fn write_model_page(server: &Server) {
     let [points, cameras, hull] = ["points", "cameras", "hull"].map(|name| format!("/model-test/{name}"));
-    let viewer = model_viewer(Some(&points), Some(&cameras), Some(&hull)).into_string();
+    let viewer = model_viewer(Some(&points), Some(&cameras), Some(&hull), Some(&hull)).into_string();
     fs::write(server.folder.path().join("model.html"), viewer).expect("a file");
 }
 

@@ -1,4 +1,4 @@
-//! Failpoints that the story of the matrix does not reach: of commands, garbage collection and calibrations.
+//! Failpoints that the story of the matrix does not reach: of commands, garbage collection, calibrations and reconstructions.
 
 use std::path::Path;
 
@@ -21,11 +21,13 @@ const TOKENS: [&str; 2] = ["rows.add_token", "rows.revoke_token"];
 const CLEANING: [&str; 2] = ["rows.expire_job_uploads", "results.prune"];
 /// Failpoint of a calibration.
 const CALIBRATION: &str = "copy.write";
+/// Failpoint of reconstructions without a request.
+const AUTO: &str = "rows.scan_examined";
 
 /// All of these failpoints.
 pub fn steps() -> Vec<&'static str> {
     let of_bucket = crate::bucket::steps();
-    [&TOKENS[..], &CLEANING, &[CALIBRATION], &crate::copies::STEPS, &crate::moving::STEPS, &of_bucket].concat()
+    [&TOKENS[..], &CLEANING, &[CALIBRATION, AUTO], &crate::copies::STEPS, &crate::moving::STEPS, &of_bucket].concat()
 }
 
 fn listed(data: &Path) -> String {

@@ -36,6 +36,56 @@ async fn ended(client: &reqwest::Client, url: &str) -> Value {
     }
 }
 
+/// Killed between the last view and its reconstruction, the service makes it once, and only once.
+#[tokio::test]
+async fn a_scan_is_reconstructed_by_itself_once_wherever_the_service_is_killed() {
+    let killed = ["rows.enqueue=2*off", "rows.scan_examined=0*off", "rows.scan_examined=1*off"];
+    futures::future::join_all(killed.map(reconstructed_once)).await;
+}
+
+async fn reconstructed_once(killed: &str) {
+    let folder = TempDir::new().expect("a folder");
+    let (data, colmap) = (folder.path().join("data"), program(folder.path()));
+    fs::write(folder.path().join("number"), "it does not hang").expect("written");
+    let more = ["--colmap", colmap.as_str()];
+    let fault = format!("{killed}->1*return(kill)->off");
+    let mut first = Service::start(&data, Some(&fault), &more).await.expect("it listens");
+    let client = reqwest::Client::builder().no_proxy().build().expect("a client");
+    let url = first.url.clone();
+    let put =
+        async |path: &str, body: &Value| client.put(format!("{url}{path}")).json(body).send().await.expect("sent");
+    put("/v1/profiles/rig/lens", &profile()).await;
+    put("/v1/scans/bee", &serde_json::json!({ "rig": "rig", "lens": "lens" })).await;
+    let posted =
+        client.post(format!("{url}/v1/stacks?rig=rig&lens=lens&scan=bee")).body(zip()).send().await.expect("sent");
+    let stack = posted.headers()["location"].to_str().expect("a path").to_owned();
+    assert_eq!(ended(&client, &format!("{url}{stack}")).await["state"], "succeeded");
+    let auto = serde_json::json!({ "rig": "rig", "lens": "lens", "expected_views": 1, "reconstruct": "auto" });
+    assert!(put("/v1/scans/bee", &auto).await.status().is_success());
+    first.ended().await;
+
+    let second = Service::start(&data, None, &more).await.expect("it listens");
+    let url = second.url.clone();
+    let made = async |number: usize| loop {
+        let asked = client.get(format!("{url}/v1/scans/bee/reconstructions")).send().await.expect("an answer");
+        let list: Value = asked.json().await.expect("JSON");
+        let items = list["items"].as_array().expect("a list").clone();
+        if items.len() >= number {
+            return items;
+        }
+        tokio::time::sleep(LOOK).await;
+    };
+    let [one] = made(1).await.try_into().expect("one");
+    let one = ended(&client, &format!("{url}{}", one["links"]["self"].as_str().expect("a path"))).await;
+    assert_eq!(one["result"]["findings"][0]["code"], "no_model", "{one}");
+    // the view is replaced: the state before it was examined for good
+    let again = client.post(format!("{url}{stack}/rerun")).send().await.expect("sent");
+    assert!(again.status().is_success());
+    assert_eq!(made(2).await.len(), 2, "{killed}");
+    second.stop().await;
+    verified(|arguments| command(&data, arguments));
+}
+
 #[tokio::test]
 async fn a_reconstruction_whose_process_is_killed_is_run_again_and_its_program_ends() {
     let folder = TempDir::new().expect("a folder");

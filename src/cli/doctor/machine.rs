@@ -7,7 +7,7 @@ use tokio::{net::TcpListener, time::timeout};
 use super::finding::Finding;
 use crate::{
     cli::{files, memory},
-    jobs::reconstruction::INSTALL,
+    jobs::reconstruction::{INSTALL, is_program},
     settings::Settings,
 };
 
@@ -116,6 +116,10 @@ pub(super) fn open_files(config: &Settings) -> Finding {
 /// Whether workers here can reconstruct scans.
 pub(super) fn colmap(config: &Settings) -> Finding {
     match (config.colmap(), &config.colmap) {
+        (Some(found), _) if found.mesh_command.first().is_some_and(|program| !is_program(Path::new(program))) => {
+            let program = found.mesh_command.first().map_or("", String::as_str);
+            Finding::problem("colmap", format!("there is no program {program} to make a mesh: correct mesh_command"))
+        }
         (Some(found), _) => Finding::ok("colmap", format!("reconstructions run {}", found.program.display())),
         (None, _) if config.workers == 0 => Finding::ok("colmap", "not needed: no jobs run here (workers=0)"),
         (None, Some(path)) => {

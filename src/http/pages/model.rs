@@ -12,18 +12,20 @@ use super::assets;
 /// | `points` | PLY, binary and little-endian: `x y z`, and `red green blue` |
 /// | `cameras` | JSON: `cameras` with `name`, `stack`, `registered`, `center`, `rotation` (world to camera, by rows), `width`, `height`, `focal_px`, `principal_point`; `turntable` with `center`, `axis`, `radius`, or null |
 /// | `hull` | GLB, or PLY with faces |
-pub fn model_viewer(points: Option<&str>, cameras: Option<&str>, hull: Option<&str>) -> Markup {
+/// | `mesh` | the same; it is within the hull, which is then hidden at first |
+pub fn model_viewer(points: Option<&str>, cameras: Option<&str>, hull: Option<&str>, mesh: Option<&str>) -> Markup {
     let parts = [
-        ("points", "Points", points.is_some()),
-        ("hull", "Surface", hull.is_some()),
-        ("cameras", "Cameras", cameras.is_some()),
-        ("turntable", "Turntable", cameras.is_some()),
+        ("points", "Points", points.is_some(), true),
+        ("hull", "Surface", hull.is_some(), mesh.is_none()),
+        ("mesh", "Mesh", mesh.is_some(), true),
+        ("cameras", "Cameras", cameras.is_some(), true),
+        ("turntable", "Turntable", cameras.is_some(), true),
     ];
     html! {
         section.model aria-label="Model" hidden {
             div.tools {
-                @for (name, words, is_there) in parts {
-                    @if is_there { label.check { input type="checkbox" name=(name) checked; (words) } }
+                @for (name, words, is_there, is_shown) in parts {
+                    @if is_there { label.check { input type="checkbox" name=(name) checked[is_shown]; (words) } }
                 }
                 div.buttons {
                     button type="button" data-look="object" { "Object" }
@@ -31,7 +33,7 @@ pub fn model_viewer(points: Option<&str>, cameras: Option<&str>, hull: Option<&s
                 }
             }
             div.scene {
-                canvas tabindex="0" role="img" data-points=[points] data-cameras=[cameras] data-hull=[hull] aria-describedby="model-keys"
+                canvas tabindex="0" role="img" data-points=[points] data-cameras=[cameras] data-hull=[hull] data-mesh=[mesh] aria-describedby="model-keys"
                     aria-label="Model of the reconstruction. The tables of this page have the same as text." {}
             }
             p.readout role="status" { a hidden {} " " span { "Loading the model …" } }
@@ -50,12 +52,15 @@ mod tests {
 
     #[test]
     fn only_what_there_is_can_be_shown() {
-        let text = model_viewer(Some("/v1/p?a=1&b=2"), None, None).into_string();
+        let text = model_viewer(Some("/v1/p?a=1&b=2"), None, None, None).into_string();
         assert!(text.contains("data-points=\"/v1/p?a=1&amp;b=2\"") && text.contains("name=\"points\""), "{text}");
-        for absent in ["data-cameras", "data-hull", "name=\"cameras\"", "name=\"hull\"", "All cameras"] {
+        for absent in ["data-cameras", "data-hull", "data-mesh", "name=\"cameras\"", "name=\"hull\"", "All cameras"] {
             assert!(!text.contains(absent), "{absent} in {text}");
         }
-        let all = model_viewer(Some("/p"), Some("/c"), Some("/h")).into_string();
-        assert!(all.contains("data-cameras=\"/c\" data-hull=\"/h\"") && all.contains("name=\"turntable\""), "{all}");
+        let all = model_viewer(Some("/p"), Some("/c"), Some("/h"), Some("/m")).into_string();
+        assert!(
+            all.contains("data-cameras=\"/c\" data-hull=\"/h\" data-mesh=\"/m\"") && all.contains("name=\"turntable\""),
+            "{all}"
+        );
     }
 }

@@ -14,6 +14,7 @@ use crate::{
         JobKind, JobState, Name,
         outcome::{JobOutcome, ReconstructionOutcome},
         reconstruction::{ReconstructedHull, ReconstructedView, files},
+        scan::Reconstruct,
     },
     http::{ApiResult, App, auth::Caller},
     jobs::reconstruction::INSTALL,
@@ -41,7 +42,7 @@ pub async fn latest(app: &App, caller: &Caller, scan: &Name) -> ApiResult<(Vec<J
 }
 
 /// The section. `may_start`: a person may start one; `has_results`: there are views to reconstruct.
-pub fn section(live: &Markup, may_start: bool, has_results: bool, has_colmap: bool) -> Markup {
+pub fn section(live: &Markup, when: Reconstruct, may_start: bool, has_results: bool, has_colmap: bool) -> Markup {
     html! {
         section {
             h2 { "Reconstruction" }
@@ -50,6 +51,7 @@ pub fn section(live: &Markup, may_start: bool, has_results: bool, has_colmap: bo
             @if !has_colmap {
                 p.told { "No worker of this service has COLMAP: " (INSTALL) "." }
             }
+            @if when == Reconstruct::Auto { p { "It begins by itself when all expected views are done, and again after views were replaced." } }
             @if may_start && has_colmap {
                 div.buttons { button type="button" id="reconstruct" disabled[!has_results] { "Reconstruct" } }
             }
@@ -89,7 +91,8 @@ pub fn model((jobs, _): &(Vec<Job>, Vec<Uuid>)) -> Markup {
     let Some((id, outcome)) = newest else { return html! {} };
     let has = |file: &str| outcome.artifacts.iter().any(|artifact| artifact.name == file);
     let url = |file: &str| has(file).then(|| link!("/v1/reconstructions/{id}/{file}"));
-    model_viewer(url(files::POINTS).as_deref(), url(files::CAMERAS).as_deref(), url(files::HULL).as_deref())
+    let [points, cameras, hull, mesh] = [files::POINTS, files::CAMERAS, files::HULL, files::MESH].map(url);
+    model_viewer(points.as_deref(), cameras.as_deref(), hull.as_deref(), mesh.as_deref())
 }
 
 fn outcome(job: &Job) -> Option<&ReconstructionOutcome> {
@@ -123,6 +126,7 @@ fn found(id: Uuid, outcome: &ReconstructionOutcome) -> Markup {
         (files::POINTS, "Points (PLY)"),
         (files::CAMERAS, "Cameras (JSON)"),
         (files::HULL, "Surface (GLB)"),
+        (files::MESH, "Mesh"),
         (files::MODEL, "Model of COLMAP (zip)"),
         (files::LOG, "Log"),
     ];

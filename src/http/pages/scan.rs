@@ -105,7 +105,7 @@ pub async fn page(
         (ball::section())
         div id="views" data-scan=(name) { (live) }
         (notes)
-        (reconstruction::section(&reconstructed, user.stacks, scan.summary.succeeded > 0, app.policy.reconstructs))
+        (reconstruction::section(&reconstructed, input.reconstruct, user.stacks, scan.summary.succeeded > 0, app.policy.reconstructs))
         (reconstruction::model(&latest))
         (files(&scan, has_camera))
         (poses())

@@ -51,7 +51,7 @@ pub async fn page(State(app): State<App>, caller: Caller, user: PageUser) -> Api
             div id="chosen" {}
             (purpose(&user))
             (camera(&keys))
-            (view(&scans))
+            (view(&scans, app.policy.reconstructs))
             p id="told" role="alert" {}
             div.buttons { button.main type="submit" id="go" disabled { "Send" } }
         }
@@ -137,7 +137,7 @@ const MOVED: &str = concat!(
     "<text x=\"306\" y=\"16\">nearer by</text></svg>"
 );
 
-fn view(scans: &[(Name, Name, Name)]) -> Markup {
+fn view(scans: &[(Name, Name, Name)], reconstructs: bool) -> Markup {
     html! {
         fieldset data-for="stack scan" {
             legend { "View" }
@@ -151,6 +151,9 @@ fn view(scans: &[(Name, Name, Name)]) -> Markup {
                     span.hint id="scan-hint" { "A new name makes a new scan." }
                 }
                 (RADIUS.input(true))
+                @if reconstructs {
+                    label.check data-for="scan" hidden { input type="checkbox" name="reconstruct"; "Reconstruct it when all its views are done" }
+                }
                 div data-for="stack" { label for="label" { "Label" } input id="label" name="label" autocomplete="off"; span.hint { "Optional" } }
                 div.short data-for="stack" { label for="pan_deg" { "Pan, °" } input id="pan_deg" name="pan_deg" inputmode="decimal" autocomplete="off"; span.hint { "Optional" } }
                 div.short data-for="stack" { label for="tilt_deg" { "Tilt, °" } input id="tilt_deg" name="tilt_deg" inputmode="decimal" autocomplete="off"; span.hint { "Optional" } }

@@ -5,7 +5,11 @@ use uuid::Uuid;
 
 use super::plan::request_of;
 use crate::{
-    contract::{Code, JobKind, Name, reconstruction::ReconstructionOptions, request::JobRequest},
+    contract::{
+        Code, JobKind, Name, Scan,
+        reconstruction::{ReconstructionOptions, ReconstructionRequest},
+        request::JobRequest,
+    },
     http::{
         ApiError, ApiResult, App,
         auth::Caller,
@@ -67,11 +71,7 @@ pub async fn create(
 ) -> ApiResult<Response> {
     sent.refuse_query("the options are members of the JSON body")?;
     let (headers, options) = options(&app, sent).await?;
-    if !app.policy.reconstructs {
-        let detail =
-            format!("no worker of this service has COLMAP, which reconstructions need; the operator has to {INSTALL}");
-        return Err(ApiError::new(Code::Conflict, detail));
-    }
+    require_colmap(&app)?;
     let request = IngestRequest::begin(&app, &caller, &headers).await?;
     let key = request.key.stored.clone();
     let making = {
@@ -80,6 +80,19 @@ pub async fn create(
     };
     let submitted = background::to_the_end(making).await?;
     request.answer(submitted).await
+}
+
+/// Requires that a worker may have COLMAP.
+///
+/// # Errors
+/// `conflict`, with what to install.
+pub fn require_colmap(app: &App) -> ApiResult<()> {
+    if app.policy.reconstructs {
+        return Ok(());
+    }
+    let detail =
+        format!("no worker of this service has COLMAP, which reconstructions need; the operator has to {INSTALL}");
+    Err(ApiError::new(Code::Conflict, detail))
 }
 
 /// The headers, and the options of the body.
@@ -111,13 +124,27 @@ async fn accept(
         return Ok(Submitted { job, replayed: true });
     }
     let (scan, request) = request_of(app, caller, name, options).await?;
+    enqueue(app, caller, scan, request, key.map(|key| (key, fingerprint))).await
+}
+
+/// Makes the job. `idempotency`: the key as the store keeps it, and the fingerprint of the request.
+///
+/// # Errors
+/// `queue_full`; `idempotency_key_reused`.
+pub async fn enqueue(
+    app: &App,
+    caller: &Caller,
+    scan: Scan,
+    request: ReconstructionRequest,
+    idempotency: Option<(String, String)>,
+) -> ApiResult<Submitted> {
     let job = NewJob {
         id: Uuid::now_v7(),
         rig: scan.input.rig,
         lens: scan.input.lens,
         request: JobRequest::Reconstruction(request),
         warnings: Vec::new(),
-        idempotency: key.map(|key| (key, fingerprint)),
+        idempotency,
         owner: caller.id(),
         trace: traces::for_the_row(),
     };

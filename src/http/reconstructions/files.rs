@@ -1,4 +1,4 @@
-//! The files of a reconstruction: `GET /v1/reconstructions/{id}/{points,cameras,hull,model,log}`.
+//! The files of a reconstruction: `GET /v1/reconstructions/{id}/{points,cameras,hull,mesh,model,log}`.
 
 use axum::{extract::State, http::HeaderMap, response::Response};
 use utoipa_axum::{router::OpenApiRouter, routes};
@@ -23,7 +23,7 @@ async fn answer(app: &App, id: Uuid, file: &str, headers: &HeaderMap) -> ApiResu
 
 /// An endpoint: its function, the name of the file, its media type, and its documentation.
 macro_rules! endpoint {
-    ($function:ident, $file:expr, $path:literal, $kind:literal, $summary:literal, $description:literal) => {
+    ($function:ident, $file:expr, $path:literal, $($kind:literal)|+, $summary:literal, $description:literal) => {
         #[doc = $summary]
         #[utoipa::path(
             get,
@@ -39,7 +39,7 @@ macro_rules! endpoint {
                 ("If-None-Match" = Option<String>, Header, description = "`ETag` of the copy that the client has"),
             ),
             responses(
-                (status = 200, description = "The file", content((Vec<u8> = $kind)), headers(
+                (status = 200, description = "The file", content($((Vec<u8> = $kind)),+), headers(
                     ("ETag" = String, description = "SHA-256 of the file"),
                     ("Content-Disposition" = String, description = "A file name made from the name of the scan"))),
                 (status = 206, description = "The requested range"),
@@ -75,6 +75,10 @@ endpoint! {
     "The visual hull of the masks: GLB with colours. The vertices have the unit of the model. `no_result` without masks."
 }
 endpoint! {
+    mesh, files::MESH, "mesh", "application/octet-stream" | "model/gltf-binary", "Get the mesh of a reconstruction",
+    "What the program of the setting `mesh_command` made: PLY or GLB, in the unit of the model. `no_result` without it."
+}
+endpoint! {
     model, files::MODEL, "model", "application/zip", "Get the model of a reconstruction",
     "A zip of the model of COLMAP as text: `cameras.txt`, `images.txt` and `points3D.txt`."
 }
@@ -89,6 +93,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(points))
         .routes(routes!(cameras))
         .routes(routes!(hull))
+        .routes(routes!(mesh))
         .routes(routes!(model))
         .routes(routes!(log))
 }

@@ -4,11 +4,12 @@ use axum::{body::Body, extract::State, http::HeaderMap, response::Response};
 
 use super::{ScanName, has_stacks, is_of_another};
 use crate::{
-    contract::{Code, Scan, ScanInput},
+    contract::{Code, Scan, ScanInput, scan::Reconstruct},
     http::{
         ApiError, ApiResult, App,
         auth::Caller,
         extract::{Conditional, json},
+        reconstructions::create::require_colmap,
     },
     store::scans::PutScan,
 };
@@ -39,7 +40,7 @@ use crate::{
         (status = 201, description = "The scan was created", body = Scan, headers(
             ("ETag" = String, description = "The version"), ("Location" = String, description = "URL of the scan"))),
         (status = 400, description = "`invalid_request`: an invalid name or member, or a body that is not JSON; `upload_incomplete`: the connection closed or timed out"),
-        (status = 409, description = "`conflict`: rig or lens would change, and the scan has stacks; or the scan belongs to another token"),
+        (status = 409, description = "`conflict`: rig or lens would change, and the scan has stacks; the scan belongs to another token; or `reconstruct` is `auto`, and the server has no COLMAP"),
         (status = 412, description = "`precondition_failed`: the scan was changed in the meantime; read it again and retry"),
         (status = 413, description = "`upload_too_large`: the body exceeds 4 MiB"),
         (status = 415, description = "`unsupported_media_type`: not JSON"),
@@ -61,6 +62,9 @@ pub async fn put(
     let condition = scan.precondition(&app).await?;
     let input: ScanInput = json::parse(&json::read(&app, &headers, body).await?, Code::InvalidRequest)?;
     input.check()?;
+    if input.reconstruct == Reconstruct::Auto {
+        require_colmap(&app)?;
+    }
     match app.store.metadata.put_scan(name, &input, caller.id(), condition).await? {
         PutScan::Created(stored) => Ok(scan.written(true, stored.version, &stored)),
         PutScan::Updated(stored) => Ok(scan.written(false, stored.version, &stored)),

@@ -51,6 +51,12 @@ pub struct ReconstructionLinks {
     /// The cameras, JSON.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cameras: Option<String>,
+    /// The visual hull, GLB.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hull: Option<String>,
+    /// The mesh of an outside program, PLY or GLB.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<String>,
     /// The model of COLMAP, a zip.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
@@ -78,6 +84,8 @@ impl Reconstruction {
             scan: scans::url(&request.scan),
             points: href(files::POINTS),
             cameras: href(files::CAMERAS),
+            hull: href(files::HULL),
+            mesh: href(files::MESH),
             model: href(files::MODEL),
             poses: href(files::POSES),
             log: href(files::LOG),

@@ -12,10 +12,12 @@
 //! | `mapping` | `colmap mapper`, with the limit for errors of reprojection that the request names |
 //! | `measuring` | the largest model is read: errors, poses, findings |
 //! | `silhouettes`, `colours` | the visual hull of the masks ([`mod@surface`]) |
+//! | `meshing` | the command of the setting `mesh_command`, if there is one ([`mod@mesh`]) |
 
 mod commands;
 mod findings;
 mod measured;
+mod mesh;
 mod model;
 pub mod need;
 mod process;
@@ -33,6 +35,7 @@ use std::{
 use self::{
     commands::{Features, Plan, registered, steps},
     measured::{Found, pose_options},
+    mesh::{MeshFile, mesh},
     model::Model,
     process::{Limits, Place, unwritable},
     surface::{Surface, surface},
@@ -58,19 +61,23 @@ use pinstack_science::{
     types::Control,
 };
 
-pub use program::{Colmap, INSTALL, find};
+pub use program::{Colmap, INSTALL, find, is_program};
 
 /// Folder of the bundle within the scratch folder of the job.
 pub const BUNDLE: &str = "bundle";
 
+/// The stage that only a reconstruction with a command for a mesh has.
+const MESHING: &str = "meshing";
+
 /// Stages with their weights.
-const STAGES: [Stage; 7] = [
+const STAGES: [Stage; 8] = [
     ("extracting features", 3.0),
     ("matching", 2.0),
     ("mapping", 6.0),
     ("measuring", 0.5),
     ("silhouettes", 0.5),
     ("colours", 0.5),
+    (MESHING, 6.0),
     ("writing", 0.5),
 ];
 
@@ -91,7 +98,9 @@ pub fn run(
 ) -> Result<JobOutput, JobError> {
     let missing = || Fault::new(Code::Unavailable, format!("there is no COLMAP on this machine; {INSTALL}"));
     let colmap = colmap.ok_or_else(missing)?;
-    let phase = Phase::new(sink, &STAGES, 0.0, 1.0);
+    let has_mesh = !colmap.mesh_command.is_empty();
+    let stages: Vec<Stage> = STAGES.into_iter().filter(|(name, _)| has_mesh || *name != MESHING).collect();
+    let phase = Phase::new(sink, &stages, 0.0, 1.0);
     let folder = context.scratch.join(BUNDLE);
     let has_pairs = write_texts(request, &folder)?;
     let log = context.scratch.join("colmap.log");
@@ -101,15 +110,23 @@ pub fn run(
         until: Instant::now() + colmap.most_time,
         time: colmap.most_time,
         memory: colmap.most_memory,
-        disk: need::disk(request).saturating_add(pictures),
+        disk: colmap.disk_need(request).saturating_add(pictures),
     };
     let place = Place { folder: &folder, log: &log, limits, sink };
     let extraction_threads = need::extraction_threads(request, threads, colmap.most_memory);
     let plan = Plan { request, has_pairs, threads, extraction_threads };
-    let found = reconstruct(&Run { colmap, place, plan, phase: &phase })?;
+    let run = Run { colmap, place, plan, phase: &phase };
+    let found = reconstruct(&run)?;
     let surface = match found.model.images.is_empty() {
         true => Surface::WithoutMasks,
         false => surface(&folder, &folder.join("text"), found.poses.as_ref(), &phase)?,
+    };
+    let mesh = match has_mesh && !found.model.images.is_empty() {
+        true => {
+            phase.progress(MESHING, 0, 1);
+            Some(mesh(&run.place, &colmap.mesh_command)?)
+        }
+        false => None,
     };
     phase.progress("writing", 0, 1);
     let mut result = found.result(request);
@@ -118,8 +135,15 @@ pub fn run(
         Surface::Impossible(finding) => result.findings.push(finding.clone()),
         Surface::WithoutMasks => {}
     }
+    let mesh = match mesh.transpose() {
+        Ok(mesh) => mesh,
+        Err(finding) => {
+            result.findings.push(finding);
+            None
+        }
+    };
     let writer = ArtifactWriter::new(context, sink);
-    let written = write((&found, &surface), request, &writer, &folder, &log)?;
+    let written = write((&found, &surface, mesh.as_ref()), request, &writer, &folder, &log)?;
     phase.progress("writing", 1, 1);
     let (artifacts, files) = written.into_iter().unzip();
     let outcome = JobOutcome::Reconstruction(ReconstructionOutcome { artifacts, result });
@@ -137,7 +161,8 @@ struct Run<'a> {
 
 impl Run<'_> {
     fn command(&self, arguments: &[String], on_line: impl FnMut(&str)) -> Result<(), JobError> {
-        self.place.run(&self.colmap.program, arguments, on_line)
+        let what = format!("{} of COLMAP", arguments.first().map_or("a command", String::as_str));
+        self.place.run(&self.colmap.program, arguments, &what, on_line)
     }
 }
 
@@ -288,7 +313,7 @@ fn zipped(folder: &Path, names: &[&str]) -> io::Result<Vec<u8>> {
 
 /// Writes the files.
 fn write(
-    (found, surface): (&Found, &Surface),
+    (found, surface, mesh): (&Found, &Surface, Option<&MeshFile>),
     request: &ReconstructionRequest,
     writer: &ArtifactWriter<'_>,
     folder: &Path,
@@ -303,6 +328,10 @@ fn write(
     }
     if let Surface::Made(hull, _) = surface {
         written.push(writer.file(files::HULL, FileFormat::Glb, |out| hull::write_glb(&hull.mesh, false, out))?);
+    }
+    if let Some((path, format)) = mesh {
+        let mut file = File::open(path).map_err(|error| unwritable(&error))?;
+        written.push(writer.file(files::MESH, *format, |out| io::copy(&mut file, out).map(|_| ()))?);
     }
     if let Some(report) = &found.poses {
         written.push(writer.json(files::POSES, report)?);

@@ -20,6 +20,8 @@ const NEIGHBOURS: u64 = 12;
 const MODEL_BYTES: u64 = 4 << 20;
 /// Most bytes of the visual hull: about a million vertices.
 const HULL_BYTES: u64 = 64 << 20;
+/// Bytes per pixel of a view that the command for a mesh may write: undistorted images, and maps of depth and normals.
+const MESH_PIXEL_BYTES: u64 = 40;
 /// Other files.
 const FILES: u64 = 64 << 20;
 
@@ -47,6 +49,12 @@ pub fn memory(request: &ReconstructionRequest, threads: usize) -> u64 {
     let extracting = per_thread(request).saturating_mul(threads as u64);
     let mapping = MAPPING_BYTES.saturating_mul(request.views.len() as u64);
     extracting.max(mapping).saturating_add(BASE)
+}
+
+/// Bytes that the command for a mesh may write.
+pub fn mesh_disk(request: &ReconstructionRequest) -> u64 {
+    let [width, height] = request.image_size_px.map(u64::from);
+    (request.views.len() as u64).saturating_mul(width * height).saturating_mul(MESH_PIXEL_BYTES)
 }
 
 /// Bytes that COLMAP and this program write at most, without the pictures.

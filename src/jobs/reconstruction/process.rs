@@ -89,7 +89,8 @@ impl Drop for Group {
 }
 
 impl Place<'_> {
-    /// Runs `program` with `arguments` to its end. `on_line` gets each line of its output as it appears.
+    /// Runs `program`, which errors call `what`, with `arguments` to its end. `on_line` gets each line of its output as
+    /// it appears.
     ///
     /// # Errors
     /// [`JobError::Cancelled`] when the job must stop; [`Code::ReconstructionFailed`] when the program fails or exceeds
@@ -98,12 +99,12 @@ impl Place<'_> {
         &self,
         program: &Path,
         arguments: &[String],
+        what: &str,
         mut on_line: impl FnMut(&str),
     ) -> Result<(), JobError> {
         self.sink.check()?;
-        let what = arguments.first().map_or("COLMAP", String::as_str);
         let mut lines = Lines::at_end_of(self.log).map_err(|error| unwritable(&error))?;
-        let mut group = Group { child: self.start(program, arguments)?, has_ended: false };
+        let mut group = Group { child: self.start(program, arguments, what)?, has_ended: false };
         let mut measured = Instant::now();
         while !group.is_over().map_err(|error| unavailable(&error))? {
             lines.read(&mut on_line);
@@ -126,7 +127,7 @@ impl Place<'_> {
         if status.success() { Ok(()) } else { Err(self.failure(what, status).into()) }
     }
 
-    fn start(&self, program: &Path, arguments: &[String]) -> Result<Child, JobError> {
+    fn start(&self, program: &Path, arguments: &[String], what: &str) -> Result<Child, JobError> {
         let log = File::options().append(true).open(self.log).map_err(|error| unwritable(&error))?;
         let errors = log.try_clone().map_err(|error| unavailable(&error))?;
         let mut command = match in_path("setpriv") {
@@ -147,18 +148,18 @@ impl Place<'_> {
         }
         command.stdin(Stdio::null()).stdout(log).stderr(errors);
         command.spawn().map_err(|error| {
-            tracing::error!(?error, program = %program.display(), "cannot start COLMAP");
-            let detail = format!("COLMAP cannot be started ({error}); ask the operator to run `pinstack doctor`");
+            tracing::error!(?error, program = %program.display(), "cannot start an outside program");
+            let detail = format!("{what} cannot be started ({error}); ask the operator to run `pinstack doctor`");
             Fault::new(Code::Unavailable, detail).into()
         })
     }
 
     fn measure(&self, child: &Child, what: &str) -> Result<(), Fault> {
-        let memory = resident(child).unwrap_or(0);
+        let memory = resident(child);
         if memory > self.limits.memory {
             let (used, most) = (memory >> 20, self.limits.memory >> 20);
             return Err(failed(format!(
-                "{what} of COLMAP used {used} MiB of memory, and the jobs may use {most} MiB: raise the setting memory_mb, \
+                "{what} used {used} MiB of memory, and the jobs may use {most} MiB: raise the setting memory_mb, \
                  or fuse the scan again with a crop"
             )));
         }
@@ -182,7 +183,7 @@ impl Place<'_> {
 
     fn too_much_disk(&self, what: &str) -> String {
         format!(
-            "{what} of COLMAP wrote more than the {} MiB that were reserved for these views; the log of the service has more",
+            "{what} wrote more than the {} MiB that were reserved for these views; the log of the service has more",
             self.limits.disk >> 20
         )
     }
@@ -190,15 +191,15 @@ impl Place<'_> {
     /// Why a program ended without success.
     fn failure(&self, what: &str, status: ExitStatus) -> Fault {
         let last = last_lines(self.log);
-        tracing::warn!(%status, what, last, "COLMAP failed");
+        tracing::warn!(%status, what, last, "an outside program failed");
         let free =
             rustix::fs::statvfs(self.folder).map_or(u64::MAX, |stat| stat.f_bavail.saturating_mul(stat.f_frsize));
         if free < 1 << 20 || last.contains("No space left") || last.contains("disk is full") {
-            let detail = "the disk of the service is full, so COLMAP could not go on; free some disk space";
+            let detail = format!("the disk of the service is full, so {what} could not go on; free some disk space");
             return Fault::new(Code::InsufficientStorage, detail);
         }
         let said = if last.is_empty() { "it said nothing".to_owned() } else { format!("its last words: {last}") };
-        failed(format!("{what} of COLMAP failed ({status}); {said}"))
+        failed(format!("{what} failed ({status}); {said}"))
     }
 }
 
@@ -207,7 +208,7 @@ fn failed(detail: String) -> Fault {
 }
 
 fn unavailable(error: &io::Error) -> Fault {
-    Fault::new(Code::Unavailable, format!("COLMAP cannot be run on this machine: {error}"))
+    Fault::new(Code::Unavailable, format!("an outside program cannot be run on this machine: {error}"))
 }
 
 pub(super) fn unwritable(error: &io::Error) -> Fault {
@@ -218,9 +219,21 @@ pub(super) fn unwritable(error: &io::Error) -> Fault {
     )
 }
 
-/// Resident memory of a process, bytes; `None` where the system does not say.
-fn resident(child: &Child) -> Option<u64> {
-    let status = fs::read_to_string(format!("/proc/{}/status", child.id())).ok()?;
+/// Resident memory of all processes of the group of a child, bytes; 0 where the system does not say.
+fn resident(child: &Child) -> u64 {
+    let group = child.id().to_string();
+    let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
+    processes.filter_map(|process| resident_in(&group, &process.path())).sum()
+}
+
+/// That of a process, if it is of this group.
+fn resident_in(group: &str, process: &Path) -> Option<u64> {
+    let stat = fs::read_to_string(process.join("stat")).ok()?;
+    // number (name) state parent group ...; the name may have any characters
+    if stat.rsplit_once(')')?.1.split_ascii_whitespace().nth(2)? != group {
+        return None;
+    }
+    let status = fs::read_to_string(process.join("status")).ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
     Some(line.trim().trim_end_matches(" kB").parse::<u64>().ok()? << 10)
 }

@@ -7,6 +7,9 @@ use std::{
     time::Duration,
 };
 
+use super::need;
+use crate::contract::reconstruction::ReconstructionRequest;
+
 /// Name of the program in `PATH`.
 const NAME: &str = "colmap";
 
@@ -19,10 +22,20 @@ pub const INSTALL: &str = "install it (Debian and Ubuntu: apt-get install colmap
 pub struct Colmap {
     /// Path of the program.
     pub program: PathBuf,
+    /// The command that makes a mesh, with its arguments; empty: none.
+    pub mesh_command: Vec<String>,
     /// Longest time of one reconstruction.
     pub most_time: Duration,
     /// Most memory that it may use, bytes.
     pub most_memory: u64,
+}
+
+impl Colmap {
+    /// Bytes that a reconstruction writes at most, without the pictures.
+    pub fn disk_need(&self, request: &ReconstructionRequest) -> u64 {
+        let mesh = if self.mesh_command.is_empty() { 0 } else { need::mesh_disk(request) };
+        need::disk(request).saturating_add(mesh)
+    }
 }
 
 /// The program: that of the setting, or else the first one in `PATH`. `None` when there is no such file, or it is not
@@ -40,7 +53,8 @@ pub(super) fn in_path(name: &str) -> Option<PathBuf> {
     env::split_paths(&folders).map(|folder| folder.join(name)).find(|path| is_program(path))
 }
 
-fn is_program(path: &Path) -> bool {
+/// Whether a file is there and executable.
+pub fn is_program(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
 }
 

@@ -4,10 +4,10 @@ use uuid::Uuid;
 
 use super::*;
 use crate::{
-    contract::{JobKind, JobState, ScanInput, UploadPurpose, reconstruction::ReconstructionRequest},
+    contract::{JobKind, JobState, ScanInput, UploadPurpose, reconstruction::ReconstructionRequest, scan::Reconstruct},
     store::{
-        EnqueueAll,
-        scans::{DeleteScan, PutScan, ScanFilter},
+        EnqueueAll, Finish,
+        scans::{DeleteScan, PutScan, ScanFilter, SettledScan},
         uploads::{Advance, CreateUpload, NewUpload, OpenUploadLimits, UploadState},
     },
 };
@@ -127,6 +127,46 @@ pub async fn a_reconstruction_is_left_to_workers_that_can_run_it_and_keeps_no_sc
     assert_eq!(lost, [Some(later.id), None], "nor is it taken from a dead worker");
     assert_eq!(job(metadata, waiting.id).await.state, JobState::Running);
     assert_eq!(metadata.delete_scan(&bee, Precondition::Any).await.unwrap(), DeleteScan::Deleted);
+}
+
+pub async fn a_scan_is_settled_when_its_stacks_changed_and_ended(store: Fresh) {
+    let metadata = &*store.metadata;
+    let (bee, owner) = (name("bee"), Some(Uuid::now_v7()));
+    with_scan(metadata, "wasp").await;
+    let auto = ScanInput { reconstruct: Reconstruct::Auto, expected_views: Some(2), ..input("lens") };
+    metadata.put_scan(&bee, &auto, owner, Precondition::Any).await.unwrap();
+    let settled = async || metadata.settled_scans().await.unwrap();
+    let examine = async || {
+        let [one]: [SettledScan; 1] = settled().await.try_into().expect("one is settled");
+        assert_eq!((&one.name, one.owner), (&bee, owner));
+        metadata.scan_examined(&one).await.unwrap();
+        assert_eq!(settled().await, []);
+    };
+    examine().await;
+    let end = async |finish: Finish| {
+        let job = claim(metadata).await.expect("it waits");
+        assert_eq!(settled().await, [], "it runs");
+        assert!(metadata.finish(job.id, job.lease_token, &finish).await.unwrap());
+        job.id
+    };
+    accept(metadata, &view("bee")).await;
+    assert_eq!(settled().await, [], "it waits");
+    let first = end(success()).await;
+    examine().await;
+    accept(metadata, &view("bee")).await;
+    end(Finish::Cancelled).await;
+    assert_eq!(settled().await, [], "its results are those of before");
+    accept(metadata, &view("bee")).await;
+    end(success()).await;
+    examine().await;
+    metadata.delete_job(first).await.unwrap();
+    examine().await;
+    accept(metadata, &reconstruction("bee")).await;
+    assert_eq!(settled().await, [], "a reconstruction is no view");
+    metadata.put_scan(&bee, &auto, None, Precondition::Any).await.unwrap();
+    examine().await;
+    metadata.put_scan(&bee, &input("lens"), None, Precondition::Any).await.unwrap();
+    assert_eq!(settled().await, []);
 }
 
 pub async fn several_jobs_are_accepted_together_or_not_at_all(store: Fresh) {

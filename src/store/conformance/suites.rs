@@ -45,6 +45,7 @@ macro_rules! metadata_conformance {
                 a_stack_joins_only_a_scan_of_its_rig_and_lens,
                 a_scan_with_stacks_keeps_its_camera_and_is_not_deleted,
                 a_reconstruction_is_left_to_workers_that_can_run_it_and_keeps_no_scan,
+                a_scan_is_settled_when_its_stacks_changed_and_ended,
                 several_jobs_are_accepted_together_or_not_at_all,
                 an_upload_becomes_the_stacks_of_a_scan_once;
             notes:

@@ -31,6 +31,7 @@ pub(in crate::store) const SCHEMA: Schema = Schema(&[
     (7, "reconstructions", include_str!("schema/0007_reconstructions.sql")),
     (8, "search", include_str!("schema/0008_search.sql")),
     (9, "notes", include_str!("schema/0009_notes.sql")),
+    (10, "auto", include_str!("schema/0010_auto.sql")),
 ]);
 
 impl PostgresMetadata {

@@ -73,7 +73,7 @@ pub(in crate::store) const TABLES: [Table; 13] = tables! {
     search_index { version Integer }
     scans numbered {
         seq Integer, name Text, rig Text, lens Text, body Text, version Integer, owner Id, created_at Integer,
-        updated_at Integer,
+        updated_at Integer, reconstructs Flag, examined Text,
     }
     notes numbered {
         seq Integer, id Id, stack Id, scan Text, rig Text, lens Text, text Text, author Text, created_at Integer,

@@ -5,7 +5,7 @@ use uuid::Uuid;
 
 use super::engine::{Connection, Metadata};
 use crate::{
-    contract::{Name, Scan, ScanInput},
+    contract::{Name, Scan, ScanInput, scan::Reconstruct},
     store::{
         Page, PageRequest, Precondition, StoreResult, json,
         rows::{
@@ -15,7 +15,7 @@ use crate::{
             transaction::{Lock, Notice},
             unsigned,
         },
-        scans::{DeleteScan, PutScan, ScanFilter, ScanStore},
+        scans::{DeleteScan, PutScan, ScanFilter, ScanStore, SettledScan},
     },
 };
 
@@ -48,10 +48,10 @@ impl ScanStore for Metadata {
         }
         let now = self.now(&mut *tx).await?;
         let row: ScanRow = sqlx::query_as(
-            "INSERT INTO scans (name, rig, lens, body, version, owner, created_at, updated_at)
-             VALUES ($1, $2, $3, $4, 1, $5, $6, $6)
+            "INSERT INTO scans (name, rig, lens, body, version, owner, created_at, updated_at, reconstructs)
+             VALUES ($1, $2, $3, $4, 1, $5, $6, $6, $7)
              ON CONFLICT (name) DO UPDATE
-             SET rig = $2, lens = $3, body = $4, version = scans.version + 1, updated_at = $6
+             SET rig = $2, lens = $3, body = $4, version = scans.version + 1, updated_at = $6, reconstructs = $7
              RETURNING *",
         )
         .bind(name.as_str())
@@ -60,6 +60,7 @@ impl ScanStore for Metadata {
         .bind(json::stored::<ScanInput>("a scan", input)?)
         .bind(owner)
         .bind(now)
+        .bind(input.reconstruct == Reconstruct::Auto)
         .fetch_one(&mut *tx)
         .await?;
         self.commit(tx, "rows.put_scan", Notice::None).await?;
@@ -110,6 +111,35 @@ impl ScanStore for Metadata {
         .fetch_all(self.reading())
         .await?;
         names.into_iter().map(name).collect()
+    }
+
+    async fn settled_scans(&self) -> StoreResult<Vec<SettledScan>> {
+        let rows: Vec<(String, Option<Uuid>, String)> = sqlx::query_as(
+            "SELECT name, owner, state FROM (
+                 SELECT name, owner, examined, CAST(version AS text) || ' ' || (
+                     SELECT CAST(count(*) AS text) || ' ' || CAST(COALESCE(sum(seq), 0) AS text) || ' '
+                            || CAST(COALESCE(max(finished_at), 0) AS text)
+                     FROM jobs WHERE scan = scans.name AND kind = 'stack' AND state = 'succeeded') AS state
+                 FROM scans
+                 WHERE reconstructs AND NOT EXISTS (
+                     SELECT 1 FROM jobs WHERE scan = scans.name AND kind = 'stack' AND state IN ('queued', 'running'))
+             ) AS settled
+             WHERE examined IS NULL OR examined <> state LIMIT 100",
+        )
+        .fetch_all(self.reading())
+        .await?;
+        let settled = |(of, owner, state)| Ok(SettledScan { name: name(of)?, owner, state });
+        rows.into_iter().map(settled).collect()
+    }
+
+    async fn scan_examined(&self, scan: &SettledScan) -> StoreResult<()> {
+        let mut tx = self.write().await?;
+        sqlx::query("UPDATE scans SET examined = $2 WHERE name = $1")
+            .bind(scan.name.as_str())
+            .bind(&scan.state)
+            .execute(&mut *tx)
+            .await?;
+        self.commit(tx, "rows.scan_examined", Notice::None).await
     }
 
     async fn delete_scan(&self, name: &Name, condition: Precondition) -> StoreResult<DeleteScan> {

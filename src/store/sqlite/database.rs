@@ -31,6 +31,7 @@ pub(in crate::store) const SCHEMA: Schema = Schema(&[
     (13, "reconstructions", include_str!("schema/0013_reconstructions.sql")),
     (14, "search", include_str!("schema/0014_search.sql")),
     (15, "notes", include_str!("schema/0015_notes.sql")),
+    (16, "auto", include_str!("schema/0016_auto.sql")),
 ]);
 
 impl SqliteMetadata {

@@ -256,7 +256,7 @@ module.exports = ({ opened, base, folder }) => {
         await reads(page, '.model', '5,000 points, 11 of 12 cameras');
         for (let tries = 0; await colours(page, '.model canvas') < 20; tries += 1) assert.ok(tries < 100, 'the model appears');
         let last = await seen(page, '.model canvas');
-        for (const name of ['points', 'hull', 'cameras', 'turntable']) {
+        for (const name of ['points', 'mesh', 'cameras', 'turntable']) {
           await page.uncheck(`.model input[name=${name}]`);
           last = await changed(page, '.model canvas', last);
         }

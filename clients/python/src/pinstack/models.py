@@ -88,6 +88,9 @@ Priority = Literal["high", "normal", "low"]
 ProfileSource = Literal["upload", "calibration"]
 
 
+Reconstruct = Literal["on_request", "auto"]
+
+
 ScaleSource = Literal["none", "known_radius", "view_pair"]
 
 
@@ -820,6 +823,7 @@ class ScanInput(TypedDict):
     operator: NotRequired[Optional[str]]
     pan_direction: NotRequired[PanDirection]
     radius_mm: NotRequired[Optional[float]]
+    reconstruct: NotRequired[Reconstruct]
     rig: Name
     specimen: NotRequired[Optional[str]]
     taxon: NotRequired[Optional[str]]

@@ -1,5 +1,5 @@
 // The model of a reconstruction: points, cameras, the circle of the turntable, and a surface. The canvas names the files:
-// `data-points` (PLY), `data-cameras` (JSON) and `data-hull` (GLB or PLY), each optional.
+// `data-points` (PLY), `data-cameras` (JSON), `data-hull` and `data-mesh` (GLB or PLY), each optional.
 import { circle } from './ball.js';
 import { parseGlb } from './glb.js';
 import { add, cross, dot, scaled, subtract, unit, upright } from './matrix.js';
@@ -48,15 +48,17 @@ async function show(box) {
   const [canvas, told] = ['canvas', '[role=status]'].map((one) => box.querySelector(one));
   const [anchor, hint] = ['a', 'span'].map((one) => told.querySelector(one));
   const say = (text) => { hint.textContent = text; };
-  const { points, cameras, hull } = canvas.dataset;
-  const [cloud, poses, shell] = await Promise.all([
+  const { points, cameras, hull, mesh } = canvas.dataset;
+  const surface = (buffer) => (isGlb(buffer) ? parseGlb(buffer) : parsePly(buffer));
+  const [cloud, poses, shell, body] = await Promise.all([
     loaded(points, parsePly),
     loaded(cameras, (buffer) => JSON.parse(new TextDecoder().decode(buffer))),
-    loaded(hull, (buffer) => (isGlb(buffer) ? parseGlb(buffer) : parsePly(buffer))),
+    loaded(hull, surface),
+    loaded(mesh, surface),
   ]);
   const seen = (poses?.cameras ?? []).filter(({ registered, center }) => registered && center);
   const turntable = poses?.turntable;
-  const solid = (shell ?? cloud)?.positions ?? Float32Array.from(seen.flatMap(({ center }) => center));
+  const solid = (shell ?? body ?? cloud)?.positions ?? Float32Array.from(seen.flatMap(({ center }) => center));
   const { centre, radius } = extent(solid);
   const turn = upright(upward(seen, turntable));
   const place = (at) => turn(subtract(at, centre));
@@ -80,10 +82,10 @@ async function show(box) {
     const { positions, colours } = cloud;
     scene.set('points', { kind: 'points', positions: placed(positions), colours, size: (radius * 2.2) / Math.sqrt(Math.max(count, 2000)) });
   }
-  if (shell?.indices) {
-    const normals = shell.normals?.slice();
+  for (const [name, file] of [['hull', shell], ['mesh', body]].filter(([, file]) => file?.indices)) {
+    const normals = file.normals?.slice();
     for (let at = 0; normals && at < normals.length; at += 3) normals.set(turn(normals.slice(at, at + 3)), at);
-    scene.set('hull', { kind: 'mesh', ...shell, positions: placed(shell.positions), normals });
+    scene.set(name, { kind: 'mesh', ...file, positions: placed(file.positions), normals });
   }
   if (turntable) {
     const x = unit(cross(turntable.axis, Math.abs(unit(turntable.axis)[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0]));

@@ -164,7 +164,12 @@ function described() {
   if (purpose() === 'scan') metadata.scan = scan;
   else if (scan && purpose() === 'stack') options.scan = scan;
   if (Object.keys(options).length) metadata.options = JSON.stringify(options);
-  return { metadata, scan, ...numbersOf(form, ['radius_mm']) };
+  const auto = form.elements.reconstruct;
+  const reconstruct = auto?.checked && !auto.closest('[hidden]') && choice.grouping;
+  return {
+    metadata, scan, ...numbersOf(form, ['radius_mm']),
+    ...(reconstruct ? { reconstruct: 'auto', expected_views: choice.grouping.views.length } : {}),
+  };
 }
 
 form.addEventListener('submit', async (event) => {
@@ -175,8 +180,8 @@ form.addEventListener('submit', async (event) => {
   const button = by('go');
   button.disabled = true;
   try {
-    const { metadata, scan, radius_mm: radius } = described();
-    if (scan) await makeScan(scan, metadata, radius);
+    const { metadata, scan, ...given } = described();
+    if (scan) await makeScan(scan, metadata, given);
     const { rig, lens } = metadata;
     const head = [...own.heads.values()].find(Boolean);
     try { localStorage.setItem(KEPT, JSON.stringify({ ...cameras(), last: { rig, lens }, ...(head ? { [keyOf(head)]: { rig, lens } } : {}) })); } catch { /* the next visit asks again */ }
@@ -192,16 +197,17 @@ form.addEventListener('submit', async (event) => {
   }
 });
 
-/** Creates a scan that does not exist yet; one that does gets the radius of its turntable, if that is given. */
-async function makeScan(name, { rig, lens }, radius) {
+/** Creates a scan that does not exist yet; one that does gets what is given, but keeps its number of views. */
+async function makeScan(name, { rig, lens }, given) {
   const url = link(`/v1/scans/${encodeURIComponent(name)}`);
   try {
-    await call('PUT', url, JSON.stringify({ rig, lens, radius_mm: radius ?? null }), { 'content-type': 'application/json', 'if-none-match': '*' });
+    await call('PUT', url, JSON.stringify({ rig, lens, ...given }), { 'content-type': 'application/json', 'if-none-match': '*' });
   } catch (error) {
     if (error.status !== 412) throw error;
-    if (radius === undefined) return;
+    if (Object.keys(given).length === 0) return;
     const scan = await json('GET', url);
-    if (scan.radius_mm !== radius) await json('PUT', url, { ...scan, radius_mm: radius });
+    const changed = { ...given, expected_views: scan.expected_views ?? given.expected_views ?? null };
+    if (Object.keys(changed).some((key) => scan[key] !== changed[key])) await json('PUT', url, { ...scan, ...changed });
   }
 }
 
