@@ -112,6 +112,15 @@ impl Rect {
         }
     }
 
+    /// The smallest rectangle that contains both.
+    #[must_use]
+    pub fn joined(self, other: Self) -> Self {
+        let (x, y) = (self.x.min(other.x), self.y.min(other.y));
+        let right = (self.x + self.width).max(other.x + other.width);
+        let bottom = (self.y + self.height).max(other.y + other.height);
+        Self { x, y, width: right - x, height: bottom - y }
+    }
+
     /// Extended to whole squares of `side` px, counted from the top left of a `width` x `height` image, and clipped to
     /// that image.
     #[must_use]

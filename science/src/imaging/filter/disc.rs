@@ -9,9 +9,9 @@ use crate::imaging::{
     simd::{self, Avx2},
 };
 
-/// From this radius on, px, the image is blurred at half its size, from twice this radius at a quarter, and so on: a
+/// Above this radius, px, the image is blurred at half its size, above twice this radius at a quarter, and so on: a
 /// blurred image has no detail that the smaller size would lose.
-const COARSE_FROM: f32 = 12.0;
+const COARSE_ABOVE: f32 = 6.0;
 
 /// A disc of given radius.
 #[derive(Debug, Clone)]
@@ -27,7 +27,7 @@ pub struct Disc {
 impl Disc {
     /// A disc of `radius` px. Up to half a pixel it has no effect.
     pub fn new(radius: f32) -> Self {
-        let halvings = (0..5).find(|&k| radius / ((1u32 << k) as f32) < COARSE_FROM).unwrap_or(5);
+        let halvings = (0..5).find(|&k| radius / ((1u32 << k) as f32) <= COARSE_ABOVE).unwrap_or(5);
         let radius = radius / (1u32 << halvings) as f32;
         let simd = Avx2::detect();
         if radius <= 0.5 {
@@ -62,6 +62,11 @@ impl Disc {
     /// image: a plane that is cut out there gives the same blurred pixels as any larger one.
     pub fn window(&self, rect: Rect, width: usize, height: usize) -> Rect {
         rect.grown(self.reach(), width, height).in_squares(self.square_side(), width, height)
+    }
+
+    /// The smallest window that gives the blurred `part` and contains `rect`.
+    pub fn window_around(&self, part: Rect, rect: Rect, width: usize, height: usize) -> Rect {
+        self.window(part, width, height).joined(rect).in_squares(self.square_side(), width, height)
     }
 
     /// The blurred plane, of the same size. Beyond the border the border pixel is repeated.

@@ -1,11 +1,6 @@
-//! The list of pixels of a tile that are corrected, in blocks that are processed in one go.
-
-use std::collections::BTreeMap;
+//! The list of pixels of a tile that are corrected, grouped by the two slices.
 
 use super::super::pixel_groups::PixelGroups;
-
-/// Side of the blocks, px. A few pixels at opposite ends of a tile do not cause all of it to be blurred.
-const BLOCK: usize = 128;
 
 /// A pixel to be corrected.
 #[derive(Clone, Copy)]
@@ -24,27 +19,5 @@ pub(super) enum Kind {
     Fattened,
 }
 
-/// Near slice, far slice, and the block within the tile (row, column).
-pub(super) type Key = (u16, u16, usize, usize);
-
-/// The corrections of a tile, by slices and block.
-pub(super) struct Corrections {
-    width: usize,
-    groups: PixelGroups<Key, Correction>,
-}
-
-impl Corrections {
-    /// None yet; `width` is that of the tile.
-    pub(super) fn new(width: usize) -> Self {
-        Self { width, groups: PixelGroups::new() }
-    }
-
-    pub(super) fn add(&mut self, near: u16, far: u16, correction: Correction) {
-        let key = (near, far, correction.at / self.width / BLOCK, correction.at % self.width / BLOCK);
-        self.groups.add(key, correction);
-    }
-
-    pub(super) fn finish(self) -> BTreeMap<Key, Vec<Correction>> {
-        self.groups.finish()
-    }
-}
+/// The corrections of a tile, by near and far slice.
+pub(super) type Corrections = PixelGroups<(u16, u16), Correction>;

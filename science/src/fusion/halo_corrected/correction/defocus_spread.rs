@@ -84,7 +84,7 @@ pub(super) fn find(
         let Some(&Cover { sum, largest: (_, near) }) = covers.get(region as usize) else { continue };
         if sum > FROM && near != UNCOVERED {
             let correction = Correction { at, kind: Kind::Covered(sum) };
-            corrections.add(near, regions.all[region as usize].0, correction);
+            corrections.add((near, regions.all[region as usize].0), correction);
         }
     }
     Ok(())
@@ -214,7 +214,7 @@ mod tests {
         let pairs: Vec<(u16, u16)> =
             (0..count).flat_map(|near| (near + 1..count).map(move |far| (near, far))).collect();
         let found = |checks: usize| {
-            let (control, mut corrections) = (CancelAfter(AtomicUsize::new(checks)), Corrections::new(90));
+            let (control, mut corrections) = (CancelAfter(AtomicUsize::new(checks)), Corrections::new());
             let rect = Rect::whole(90, 60);
             find(&map, &model, &control, rect, &pairs, &[false; 90 * 60], &mut corrections)
                 .map(|()| corrections.finish().into_values().map(|pixels| pixels.len()).sum::<usize>())

@@ -58,7 +58,7 @@ pub(super) fn find(
             if let Some(found) = found {
                 let at = here.wrapping_add_signed(steps[found]);
                 let far = map.slice.at(window.x + at % window.width, window.y + at / window.width);
-                corrections.add(near, far, Correction { at: row * rect.width + column, kind: Kind::Fattened });
+                corrections.add((near, far), Correction { at: row * rect.width + column, kind: Kind::Fattened });
                 *fattened = true;
             }
         }

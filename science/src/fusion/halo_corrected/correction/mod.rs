@@ -27,7 +27,7 @@ mod sliding_maximum;
 use super::{
     decision_map::DecisionMap,
     defocus_model::{DefocusModel, MAX_RADIUS},
-    pixel_groups::bounding_box,
+    pixel_groups::{bounding_box, in_blocks},
     warped_slices::WarpedSlices,
 };
 use crate::{
@@ -43,8 +43,8 @@ use corrections::{Correction, Corrections, Kind};
 const MAX_BEYOND: f32 = 8.0;
 
 /// How far around a tile the decision map matters, px: what a disc of the largest radius reaches in
-/// [`defocus_spread`], where it is blurred in squares of two cells of 4 px.
-pub(super) const REACH: usize = MAX_RADIUS as usize + 16;
+/// [`defocus_spread`], where it is blurred in squares of four cells of 4 px.
+pub(super) const REACH: usize = MAX_RADIUS as usize + 32;
 
 /// Pixels of a row that are compared at once.
 const RUN: usize = 16;
@@ -70,11 +70,15 @@ pub(super) fn correct<S: Sample, const C: usize>(
     if covering.is_empty() && !may_be_fattened {
         return Ok(());
     }
-    let mut corrections = Corrections::new(rect.width);
+    let mut corrections = Corrections::new();
     let fattened = fattening::find(map, model, slices.count(), rect, &mut corrections);
     defocus_spread::find(map, model, slices.control(), rect, &covering, &fattened, &mut corrections)?;
-    for ((near, far, ..), corrections) in corrections.finish() {
-        apply(slices, map, model, rect, (near.into(), far.into()), &corrections, out)?;
+    for ((near, far), corrections) in corrections.finish() {
+        let pair = (usize::from(near), usize::from(far));
+        let disc = Disc::new(model.radius(pair.0, pair.1));
+        for (bounds, corrections) in in_blocks(&corrections, |correction| correction.at, rect, disc.reach()) {
+            apply(slices, map, rect, (pair, &disc), (bounds, &corrections), out)?;
+        }
     }
     Ok(())
 }
@@ -121,39 +125,46 @@ impl Change {
     }
 }
 
-/// Applies the corrections of one block, all between the slices `near` and `far`. Pixels that one of them does not
-/// cover stay as they are.
+/// Applies the corrections of one block, all between the slices `near` and `far`, and within `bounds`. Pixels that one
+/// of the slices does not cover stay as they are.
 fn apply<S: Sample, const C: usize>(
     slices: &WarpedSlices<'_, S, C>,
     map: &DecisionMap,
-    model: &DefocusModel,
     rect: Rect,
-    (near, far): (usize, usize),
-    corrections: &[Correction],
+    ((near, far), disc): ((usize, usize), &Disc),
+    (bounds, corrections): (Rect, &[Correction]),
     out: &mut [f32],
 ) -> Result<(), Interrupted> {
     let (width, height) = slices.size();
-    let disc = Disc::new(model.radius(near, far));
-    let fattened = corrections.iter().filter(|correction| correction.kind == Kind::Fattened);
-    let fattened: Vec<usize> = fattened.map(|correction| correction.at).collect();
-    let matte_rect = (!fattened.is_empty())
-        .then(|| bounding_box(fattened.into_iter(), rect).grown(boundary_matte::REACH, width, height));
+    let bounds_of = |sought: &dyn Fn(&Correction) -> bool, margin| {
+        let mut found = corrections.iter().filter(|correction| sought(correction)).map(|correction| correction.at);
+        let first = found.next()?;
+        Some(bounding_box(std::iter::once(first).chain(found), rect).grown(margin, width, height))
+    };
+    let place = |at: usize| (rect.x + at % rect.width, rect.y + at / rect.width);
+    let matte_rect = bounds_of(&|correction| correction.kind == Kind::Fattened, boundary_matte::REACH);
     let margin = matte_rect.map_or(0, |_| boundary_matte::REACH);
-    let bounds = bounding_box(corrections.iter().map(|correction| correction.at), rect).grown(margin, width, height);
-    // in the squares of the canvas, so that neither the tile nor the other pixels of the block matter
-    let window = disc.window(bounds, width, height);
-    let far_slice = slices.patch(far, window)?;
-    let near_slice = slices.patch(near, if matte_rect.is_some() { window } else { bounds })?;
-    let blurred = far_slice.blurred(&disc, bounds);
+    let bounds = bounds.grown(margin, width, height);
+    // where the blur of the far slice matters: not at covered pixels without texture
+    let has_detail = |correction: &Correction| {
+        let (x, y) = place(correction.at);
+        correction.kind == Kind::Fattened || map.textured.at(x, y)
+    };
+    let blurred_rect = bounds_of(&has_detail, margin);
+    let with_blur_in =
+        |blurred: Option<Rect>| blurred.map_or(bounds, |part| disc.window_around(part, bounds, width, height));
+    let far_slice = slices.patch(far, with_blur_in(blurred_rect))?;
+    let near_slice = slices.patch(near, with_blur_in(matte_rect))?;
+    let blurred = blurred_rect.map(|part| far_slice.blurred(disc, part));
     let level = S::DEPTH.max() / 255.0;
-    let matte = matte_rect.map(|matte_rect| {
-        let near_blurred = near_slice.blurred(&disc, matte_rect);
-        BoundaryMatte::new([&near_slice, &blurred], [&far_slice, &near_blurred], matte_rect, level)
+    let matte = matte_rect.zip(blurred.as_ref()).map(|(matte_rect, blurred)| {
+        let near_blurred = near_slice.blurred(disc, matte_rect);
+        BoundaryMatte::new([&near_slice, blurred], [&far_slice, &near_blurred], matte_rect, level)
     });
     let covers_all = slices.covers(near, bounds) && slices.covers(far, bounds);
     let beyond = MAX_BEYOND * level;
     for correction in corrections {
-        let (x, y) = (rect.x + correction.at % rect.width, rect.y + correction.at / rect.width);
+        let (x, y) = place(correction.at);
         let covers = |slice: usize| slices.coverage(slice).span(y).contains(&x);
         let is_covered = covers_all || (covers(near) && covers(far));
         if !is_covered {
@@ -163,10 +174,11 @@ fn apply<S: Sample, const C: usize>(
             Kind::Covered(cover) => Change::covered(cover, map.textured.at(x, y)),
             Kind::Fattened => Change::fattened(matte.as_ref().map_or(0.0, |matte| matte.far_share(x, y))),
         };
-        let (of_near, of_far, of_blurred) = (near_slice.index(x, y), far_slice.index(x, y), blurred.index(x, y));
+        let (of_near, of_far) = (near_slice.index(x, y), far_slice.index(x, y));
+        let blurred = blurred.as_ref().filter(|_| has_detail(correction)).map(|blurred| (blurred, blurred.index(x, y)));
         for (c, out) in out[correction.at * C..(correction.at + 1) * C].iter_mut().enumerate() {
             let (near, far) = (near_slice.channels[c].data[of_near], far_slice.channels[c].data[of_far]);
-            let blurred = blurred.channels[c].data[of_blurred];
+            let blurred = blurred.map_or(*out, |(blurred, at)| blurred.channels[c].data[at]);
             let corrected = *out + removed * (near - *out) + detail * (*out - blurred) + far_share * (far - blurred);
             let (low, high) = (near.min(far).min(*out) - beyond, near.max(far).max(*out) + beyond);
             *out = corrected.clamp(low, high);

@@ -4,8 +4,8 @@
 //! the parent module lists have another slice.
 
 use super::{
-    super::pixel_groups::PixelGroups,
-    refinement::{Refinement, Tile, in_blocks},
+    super::pixel_groups::{PixelGroups, in_blocks},
+    refinement::{Refinement, Tile},
 };
 use crate::{
     fusion::{
@@ -54,7 +54,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
                 let (around, own) = (usize::from(around), usize::from(own));
                 let disc = Disc::new(self.model.radius(around, own));
                 let reach = FocusEnergy::for_decision_map().reach() + disc.reach();
-                for (bounds, pixels) in in_blocks(&pixels, tile.rect, reach) {
+                for (bounds, pixels) in in_blocks(&pixels, |&at| at, tile.rect, reach) {
                     self.predict(tile, (around, own), &disc, (bounds, &pixels), rows)?;
                 }
             }

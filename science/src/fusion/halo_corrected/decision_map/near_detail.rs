@@ -21,7 +21,10 @@ use std::{collections::BTreeMap, mem};
 
 use rayon::prelude::*;
 
-use super::refinement::{Refinement, TEXTURED, Tile, in_blocks};
+use super::{
+    super::pixel_groups::in_blocks,
+    refinement::{Refinement, TEXTURED, Tile},
+};
 use crate::{
     fusion::{
         align::{
@@ -77,7 +80,7 @@ impl<S: Sample, const C: usize> Refinement<'_, S, C> {
         let measure = FocusEnergy::for_edges();
         for ((near, far), pixels) in self.candidates(tile)? {
             let disc = Disc::new(self.model.radius(near.into(), far.into()));
-            for (bounds, pixels) in in_blocks(&pixels, tile.rect, measure.reach() + disc.reach()) {
+            for (bounds, pixels) in in_blocks(&pixels, |&at| at, tile.rect, measure.reach() + disc.reach()) {
                 self.compare((near, far), &disc, tile.rect, (bounds, &pixels), rows, &mut found)?;
             }
         }
