@@ -7,8 +7,8 @@
 //! | slope of `ln gain` over `ln size` | `2 (1 - b)`: light falls with the square of the sensor's distance | equal exposures (then 0), lamps that drift |
 //! | parallax, in squares of the growth | `b` (`perspective`) | blurred outlines, which grow too: [`OUTLINES`] |
 //!
-//! Equal brightness alone tells nothing, as cameras and raw converters make it. So a moving lens is found only where the
-//! image grows by about a hundredth per slice or more.
+//! Equal brightness alone tells nothing, as cameras and raw converters make it. So a moving lens is found only where
+//! the image grows by about a hundredth per slice or more.
 
 use super::refine::growth;
 use crate::calibration::transform_models::Parameters;
