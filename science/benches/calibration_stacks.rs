@@ -2,7 +2,8 @@
 //! --bench calibration_stacks -- [--seeds N] [--width PX]`
 //!
 //! Each line is one rig with one or several stacks of one scene: the worst image corner against the truth, and how many
-//! of the stated standard deviations that is. The summary serves to compare two versions.
+//! of the stated standard deviations that is. The summary serves to compare two versions. The last lines count the
+//! capture modes that are found from the slices, without the options that tell them.
 
 use std::sync::Arc;
 
@@ -10,7 +11,9 @@ use pinstack_science::{
     calibration::{Calibration, calibrate_by_stacks},
     imaging::Slices,
     synth::{Light, Rendered, Rig, Stage, scene::SCENES, turntable},
-    types::{NoControl, calibration_options::CalibrationOptions, report::Grade, view::ViewAngles},
+    types::{
+        NoControl, calibration_options::CalibrationOptions, profile::CaptureMode, report::Grade, view::ViewAngles,
+    },
 };
 
 /// Value of an option of the command line.
@@ -68,6 +71,31 @@ fn outcome(name: &str, rig: &Rig, views: &[Rendered]) -> Outcome {
     Outcome { is_scan: views.len() > 1, errors, is_good: found.is_ok_and(|found| found.report.grade == Grade::Good) }
 }
 
+/// Per mode: right, unknown and wrong ones.
+fn modes(seeds: u64, width: usize) {
+    for mode in [CaptureMode::FixedLens, CaptureMode::MovingLens] {
+        let mut counts = [0; 3];
+        for (scene, from_seed) in SCENES {
+            for (slices, growth) in [(7, 1.0), (15, 0.2), (15, 2.5), (30, 1.0)] {
+                for seed in 1..=seeds {
+                    let rig = Rig { softness_px: 0.5, seed, ..Rig::sized(width, width * 2 / 3, slices) };
+                    let rail_mm = rig.rail_mm.iter().map(|z| z * growth).collect();
+                    let rig = Rig { rail_mm, f_number: rig.f_number * growth, ..rig };
+                    let rig = if mode == CaptureMode::MovingLens { rig.moving_lens() } else { rig };
+                    let view = Rendered::scene(Arc::new(Stage::new(&rig, &from_seed(seed))), Light::Front);
+                    let found = calibrate_by_stacks(&[&view], &CalibrationOptions::default(), &NoControl);
+                    let Ok(found) = found else { continue };
+                    let kind = found.report.capture.found.map_or(1, |found| if found == mode { 0 } else { 2 });
+                    counts[kind] += 1;
+                    println!("{mode:?}, {scene} {seed}, {slices} slices x {growth}: {}", found.report.capture.detail);
+                }
+            }
+        }
+        let [right, unknown, wrong] = counts;
+        println!("{mode:?}: {right} found, {unknown} unknown, {wrong} wrong");
+    }
+}
+
 fn main() {
     let (seeds, width) = (option("--seeds", 2) as u64, option("--width", 720));
     let mut all = Vec::new();
@@ -112,4 +140,5 @@ fn main() {
             quantile(1, 1.0),
         );
     }
+    modes(seeds, width);
 }

@@ -16,7 +16,7 @@ use super::{
     option_flags::OptionFlags,
     output::say,
 };
-use crate::settings::LogFormat;
+use crate::{contract::ranges::check_calibration, settings::LogFormat};
 use pinstack_science::{
     calibration,
     imaging::Slices,
@@ -43,6 +43,9 @@ pub struct Calibrate {
     /// What the pictures show [default: found from the middle picture]
     #[arg(long, value_enum)]
     from: Option<From>,
+    /// Profile of this rig that stacks refine: its homographies follow the pictures, the rest is kept
+    #[arg(long, value_name = "FILE", conflicts_with = "from")]
+    refine: Option<PathBuf>,
     /// Replace files of an earlier run
     #[arg(long)]
     force: bool,
@@ -83,7 +86,13 @@ impl Calibrate {
         local::stop_by_signals(&runtime)?;
         let bar = Bar::new(1);
         bar.begin(&local::name_of(first));
+        if self.refine.is_some() {
+            let asked = CalibrationOptions { source: CalibrationSource::Stacks, from: Some(1), ..options.clone() };
+            check_calibration(&asked)?;
+        }
+        let refine = self.refine.as_deref().map(local::read_profile).transpose()?;
         let source = match self.from {
+            _ if refine.is_some() => CalibrationSource::Stacks,
             Some(From::Target) => CalibrationSource::DotTarget,
             Some(From::Stacks) => CalibrationSource::Stacks,
             None => shown(&views, &bar)?,
@@ -91,7 +100,7 @@ impl Calibrate {
         let at = out.parent().filter(|at| !at.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let scratch = tempfile::Builder::new().prefix(".pinstack-").tempdir_in(at);
         let scratch = scratch.with_context(|| format!("cannot write into {}", at.display()))?;
-        let made = local::calibrate(&views, CalibrationOptions { source, ..options }, &bar, scratch.path());
+        let made = local::calibrate(&views, CalibrationOptions { source, ..options }, refine, &bar, scratch.path());
         bar.clear();
         let made = match made {
             Err(_) if local::is_stopped() => bail!("stopped: no profile is made"),

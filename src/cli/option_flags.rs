@@ -32,7 +32,7 @@ impl Offered for StackOptions {
 impl Offered for CalibrationOptions {
     const HEADING: &'static str = "Options of a calibration";
     const LEFT_OUT: &'static [&'static str] =
-        &["source", "moved_target", "moved_target_pitch_px", "allow_new_size", "keep"];
+        &["source", "from", "moved_target", "moved_target_pitch_px", "allow_new_size", "keep"];
 }
 
 /// Options from flags.

@@ -94,12 +94,37 @@ pub fn check_calibration(options: &CalibrationOptions) -> Result<(), Fault> {
         let rule = "must be numbers from -1000000 to 1000000 and cannot be combined with rail_step_mm";
         found.push(violation("rail_positions_mm", rule));
     }
+    found.extend(refined(options));
     let is_moved = options.moved_target.is_some() || options.moved_target_pitch_px.is_some();
     if is_moved && options.target_advance_mm.is_none() {
         let rule = "is missing: give by how many mm the target was nearer to the lens in moved_target";
         found.push(violation("target_advance_mm", rule));
     }
     Fault::refuse(found)
+}
+
+/// What contradicts `from`, which keeps all of a revision but its homographies.
+fn refined(options: &CalibrationOptions) -> Vec<ErrorLocation> {
+    if options.from.is_none() {
+        return Vec::new();
+    }
+    if options.source.is_dot_target() {
+        return vec![violation("from", "is for source=stacks; a dot target measures the whole profile: omit it")];
+    }
+    let given = [
+        ("reference_index", options.reference_index.is_some()),
+        ("target_pitch_mm", options.target_pitch_mm.is_some()),
+        ("pixel_pitch_mm", options.pixel_pitch_mm.is_some()),
+        ("rail_positions_mm", options.rail_positions_mm.is_some()),
+        ("rail_step_mm", options.rail_step_mm.is_some()),
+        ("focal_mm", options.focal_mm.is_some()),
+        ("pupil_ratio", options.pupil_ratio.is_some()),
+        ("moved_target", options.moved_target.is_some()),
+        ("target_advance_mm", options.target_advance_mm.is_some()),
+        ("capture_mode", options.capture_mode.is_some()),
+    ];
+    let rule = "cannot be combined with from, which keeps that of the revision: omit one of them";
+    given.iter().filter(|(_, is_given)| *is_given).map(|(name, _)| violation(name, rule)).collect()
 }
 
 /// The options outside of their ranges.

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use super::{
     JobContext, JobOutput, ProgressSink,
     artifact_writer::{ArtifactWriter, WrittenArtifact},
+    calibrated_profile,
     stages::{Phase, Stage},
     thumbnails::ThumbnailingSlices,
 };
@@ -19,19 +20,18 @@ use crate::{
     contract::{
         artifact,
         outcome::{CalibrationOutcome, JobOutcome},
-        profile::ProfileSource,
+        profile::{Profile, ProfileSource},
         request::{CalibrationRequest, StoredStack},
     },
     store::ProfileDraft,
 };
 use pinstack_science::{
     archive::{self, ArchiveLimits, StackArchive},
-    calibration::{self, Calibration},
+    calibration::{self, Calibration, Revision},
     imaging::{Slices, codec::Metadata},
     types::{
         Control, ReadAt, Warning, WarningCode,
         calibration_options::{CalibrationSource, Keep},
-        profile::ProfileInput,
     },
 };
 
@@ -96,10 +96,10 @@ pub fn measure(
         CalibrationSource::Stacks => {
             let others = stacks.iter().skip(1).map(|stack| stack.front() as &dyn Slices);
             let views: Vec<&dyn Slices> = std::iter::once(&slices as &dyn Slices).chain(others).collect();
-            calibration::calibrate_by_stacks(&views, &request.options, &control)?
+            by_stacks(context, request, &views, &control)?
         }
     };
-    let input = profile_input(&measured, request, archive.layout().orientation);
+    let input = calibrated_profile::numbers(&measured, context.profile.as_ref(), request, archive.layout().orientation);
     input.check()?;
 
     let writing = Phase::new(sink, &[("writing", 1.0)], MEASURED, 1.0);
@@ -144,6 +144,22 @@ pub fn measure(
     Ok(JobOutput { outcome, warnings, profile: draft.map(Box::new), files })
 }
 
+/// Calibrates by stacks, or refines the profile that the job has.
+fn by_stacks(
+    context: &JobContext,
+    request: &CalibrationRequest,
+    views: &[&dyn Slices],
+    control: &Phase<'_>,
+) -> Result<Calibration, JobError> {
+    let Some(Profile { input, model, .. }) = &context.profile else {
+        return Ok(calibration::calibrate_by_stacks(views, &request.options, control)?);
+    };
+    let revision = request.options.from.map(|revision| format!("revision {revision}"));
+    let name = revision.as_deref().unwrap_or("the profile that was given");
+    let from = Revision { name, input, model: *model };
+    Ok(calibration::refine_by_stacks(views, &from, &request.options, control)?)
+}
+
 /// The archive of a stored stack, in the order of the profile.
 fn stored(stack: &StoredStack, zip: Arc<dyn ReadAt>, limits: &ArchiveLimits) -> Result<StackArchive, Fault> {
     let archive = archive::open_shared(zip, limits).map_err(|error| {
@@ -165,28 +181,6 @@ fn not_kept(keep: Keep) -> &'static str {
             "the calibration is not good and keep=good excludes it, so the profile has no new revision: correct what the \
              report names and calibrate again, or send keep=usable or keep=always to store it"
         }
-    }
-}
-
-fn profile_input(measured: &Calibration, request: &CalibrationRequest, orientation: u8) -> ProfileInput {
-    ProfileInput {
-        image_width: measured.width,
-        image_height: measured.height,
-        reference_index: u32::try_from(measured.reference_index).unwrap_or(u32::MAX),
-        homographies: measured.slices.iter().map(|slice| slice.homography).collect(),
-        rail_positions_mm: measured.report.rail.as_ref().filter(|rail| rail.in_mm).map(|rail| rail.positions.clone()),
-        gains: Some(measured.slices.iter().map(|slice| slice.gain).collect()),
-        pixel_pitch_mm: request.options.pixel_pitch_mm,
-        capture_mode: measured.capture_mode,
-        note: request.options.note.clone(),
-        principal_distance_mm: measured.report.camera.principal_distance_mm,
-        principal_distance_source: Some(measured.report.camera.source),
-        pupils: measured.report.camera.pupils,
-        magnification: measured.magnification,
-        distortion: measured.distortion,
-        lateral_colour: measured.lateral_colour,
-        orientation: Some(orientation),
-        ..ProfileInput::default()
     }
 }
 

@@ -5,6 +5,7 @@
 //! retries and publishing belong to [`crate::worker`].
 
 mod artifact_writer;
+mod calibrated_profile;
 pub mod calibration;
 mod crop;
 mod diagnosis;

@@ -205,8 +205,13 @@ impl Executor {
     }
 
     async fn profile_of(&self, job: &Job) -> Result<Option<Profile>, Stopped> {
-        let JobRequest::Stack(request) = &job.request else { return Ok(None) };
-        let (rig, lens, revision) = (&job.rig, &job.lens, request.profile_revision);
+        let revision = match &job.request {
+            JobRequest::Stack(request) => Some(request.profile_revision),
+            JobRequest::Calibration(request) => request.options.from,
+            JobRequest::Reconstruction(_) => None,
+        };
+        let Some(revision) = revision else { return Ok(None) };
+        let (rig, lens) = (&job.rig, &job.lens);
         let found = self.deps.store.metadata.profile_of_job(rig, lens, revision).await.map_err(internal)?;
         let missing = || {
             Fault::new(

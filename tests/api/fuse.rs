@@ -281,6 +281,10 @@ fn without_a_target_the_profile_is_made_from_the_pictures() {
     assert!(error_px(&made.join("profile.json")) < 0.6);
     let text = told(folder, &["calibrate", "weave", "--from", "stacks", "-o", "weave.json"]);
     assert!(text.contains("Usable") && text.contains("calibrated_by_stacks"), "{text}");
+    let refine = ["calibrate", "weave", "--refine", "weave.json", "-o", "again.json"];
+    let text = told(folder, &refine);
+    assert!(text.contains("no drift since the profile that was given"), "{text}");
+    assert!(refused(folder, &[&refine[..], &["--focal-mm", "65", "--force"]].concat()).contains("focal_mm"));
     assert!(error_px(&folder.join("weave.json")) < 0.6);
     let report = fs::read_to_string(folder.join("weave.html")).expect("a report");
     assert!(report.contains("Pictures of objects, without a dot target"));

@@ -67,7 +67,7 @@ fn report(shift: f64) -> CalibrationReport {
         model: HomographyModel::Homography,
         model_reason: "it was the only one".into(),
         candidates: Vec::new(),
-        capture: CaptureReport { told: None, found: None, detail: "left open".into() },
+        capture: CaptureReport { told: None, found: None, confidence: None, detail: "left open".into() },
         rail: None,
         camera: CameraReport::default(),
         slices: vec![slice(0), slice(1)],

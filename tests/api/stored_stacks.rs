@@ -209,3 +209,94 @@ async fn with_isolation_the_stacks_of_another_token_are_not_found() {
     problem(calibrate(&ben).await, 404, "not_found").await;
     accepted(calibrate(&ann).await).await;
 }
+
+/// The profile of `rig` as numbers, with a camera that no stack knows.
+fn numbers_of(rig: &Rig) -> Value {
+    let homographies: Vec<_> = (0..rig.slices()).map(|i| rig.homography(i)).collect();
+    json!({
+        "image_width": rig.width, "image_height": rig.height, "reference_index": rig.reference,
+        "homographies": homographies, "capture_mode": "fixed_lens", "pixel_pitch_mm": 0.005, "magnification": 1.25,
+        "principal_distance_mm": 121.5, "orientation": 1
+    })
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn stored_stacks_refine_a_revision_that_has_drifted_and_keep_its_camera() {
+    let app = TestApp::start().await;
+    let before = Rig { softness_px: 0.5, ..Rig::sized(420, 280, 5) };
+    let after = Rig { drift_px: [before.drift_px[0] + 5.0, before.drift_px[1] - 4.0], ..before.clone() };
+    app.put("/v1/profiles/rig/lens").json(&numbers_of(&before)).send().await.unwrap().error_for_status().unwrap();
+    let mut stacks = Vec::new();
+    for (seed, rig) in [(1, &after), (2, &before)] {
+        let stack = accepted(app.post(STACK).body(weave(rig, seed, false)).send().await.unwrap()).await;
+        app.post(&format!("/v1/stacks/{}/cancel", id(&stack))).send().await.unwrap().error_for_status().unwrap();
+        stacks.push(id(&stack));
+    }
+    let _pool = workers(&app);
+    let refine = async |stack: &Uuid| {
+        let request = app.post(&format!("{POST}&from=1")).json(&json!({ "stacks": [stack] }));
+        ended(&app, &accepted(request.send().await.unwrap()).await).await
+    };
+    let shown = refine(&stacks[0]).await;
+    assert_eq!((&shown["state"], &shown["options"]["from"]), (&json!("succeeded"), &json!(1)), "{shown}");
+    let verdict = shown["result"]["verdict"].as_str().unwrap();
+    assert!(verdict.contains("revision 1 refined (the worst image corner moved by"), "{verdict}");
+    assert!(shown["warnings"][0]["detail"].as_str().unwrap().contains("has drifted since revision 1"), "{shown}");
+    let found: Value = app.get("/v1/profiles/rig/lens").send().await.unwrap().json().await.unwrap();
+    assert_eq!(found["revision"], 2);
+    for (i, matrix) in found["homographies"].as_array().unwrap().iter().enumerate() {
+        let matrix: pinstack_science::types::Homography = serde_json::from_value(matrix.clone()).unwrap();
+        let [off, old] = [&after, &before].map(|rig| matrix.corner_distance(&rig.homography(i), 420, 280));
+        assert!(
+            off < 0.5 && (i == after.reference || old > 0.5),
+            "slice {i} is {off} px off, and {old} px from before"
+        );
+    }
+    for (name, value) in [("principal_distance_mm", 121.5), ("pixel_pitch_mm", 0.005), ("magnification", 1.25)] {
+        assert_eq!(found[name], json!(value), "{name}");
+    }
+    let report = format!("{}?format=json", shown["links"]["report"].as_str().unwrap());
+    let report: Value = app.get(&report).send().await.unwrap().json().await.unwrap();
+    assert_eq!(report["camera"]["principal_distance_mm"], json!(121.5));
+    assert!(report["drift"]["worst_px"].as_f64().unwrap() > 2.0, "{}", report["drift"]);
+
+    // nothing has moved
+    let shown = refine(&stacks[1]).await;
+    assert!(shown["result"]["verdict"].as_str().unwrap().contains("no drift since revision 1"), "{shown}");
+    let found: Value = app.get("/v1/profiles/rig/lens").send().await.unwrap().json().await.unwrap();
+    assert_eq!(found["revision"], 3);
+    let first: Value = app.get("/v1/profiles/rig/lens?revision=1").send().await.unwrap().json().await.unwrap();
+    let drift: Value = app.get("/v1/profiles/rig/lens/drift?from=1&to=3").send().await.unwrap().json().await.unwrap();
+    assert!(drift["worst_px"].as_f64().unwrap() < 1e-6, "{drift}");
+    assert_eq!(first["optics_digest"], found["optics_digest"]);
+}
+
+#[tokio::test]
+async fn stacks_that_cannot_refine_a_revision_are_refused_with_a_reason() {
+    let app = TestApp::start().await;
+    app.with_profile(3).await;
+    let stack = sent(&app, "", 3, 1).await;
+    let post = async |query: &str| app.post(&format!("{POST}{query}")).json(&json!({ "stacks": [stack] })).send().await;
+    let told = problem(post("&from=7").await.unwrap(), 404, "profile_not_found").await;
+    assert!(told["detail"].as_str().unwrap().contains("has no revision 7"), "{told}");
+    let told = problem(post("&from=1&focal_mm=65&rail_step_mm=0.5").await.unwrap(), 400, "invalid_request").await;
+    let told = told.to_string();
+    assert!(told.contains("focal_mm cannot be combined with from") && told.contains("rail_step_mm cannot"), "{told}");
+    let target = app.post("/v1/profiles/rig/lens/calibrations?from=1").body(stack_zip(3, 0)).send().await.unwrap();
+    let told = problem(target, 400, "invalid_request").await;
+    assert!(told.to_string().contains("from is for source=stacks"), "{told}");
+
+    app.put("/v1/profiles/rig/lens").json(&profile(2)).send().await.unwrap().error_for_status().unwrap();
+    let told = problem(post("&from=2").await.unwrap(), 422, "slice_count_mismatch").await;
+    let detail = told["detail"].as_str().unwrap();
+    assert!(
+        detail.contains("has 3 slices") && detail.contains("revision 2") && detail.contains("2 slices"),
+        "{detail}"
+    );
+    let mut larger = profile(3);
+    larger["image_width"] = json!(2 * WIDTH);
+    app.put("/v1/profiles/rig/lens").json(&larger).send().await.unwrap().error_for_status().unwrap();
+    let told = problem(post("&from=3").await.unwrap(), 422, "size_mismatch").await;
+    assert!(told["detail"].as_str().unwrap().contains("omit from"), "{told}");
+    accepted(post("&from=1&allow_new_size=true").await.unwrap()).await;
+}

@@ -93,7 +93,7 @@ def calls(client: Client, folder: Path) -> Dict[str, Callable[[], Any]]:
         "calibrate": lambda: (
             client.calibrate("rig", "lens", ZIP, focal_mm=65),
             client.calibrate("rig", "lens", stacks=[ID, JOB], rail_step_mm=0.5),
-            client.calibrate("rig", "lens", scan="s"),
+            client.calibrate("rig", "lens", scan="s", from_revision=3),
         ),
         "list_calibrations": lambda: client.list_calibrations(rig="rig", lens="lens", state="failed"),
         "get_calibration": lambda: client.get_calibration(ID),

@@ -6,6 +6,7 @@ python tools/models.py ../../openapi/openapi.json > src/pinstack/models.py
 from __future__ import annotations
 
 import json
+import keyword
 import sys
 from pathlib import Path
 from typing import Any, Dict, List, Set
@@ -78,7 +79,9 @@ def members(schema: Dict[str, Any]) -> List[str]:
     for name, part in schema.get("properties", {}).items():
         kind = type_of(part)
         kind = kind if name in required else f"NotRequired[{kind}]"
-        lines.append(f"    {name}: {kind}")
+        # a class cannot have such a member
+        comment = "# " if keyword.iskeyword(name) else ""
+        lines.append(f"    {comment}{name}: {kind}")
     return lines
 
 

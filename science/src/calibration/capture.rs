@@ -38,20 +38,62 @@ pub(super) fn decide(
         let margin = 4.0 * law.bend_sigma.max(LEAST_BEND_SIGMA);
         even && slices.len() >= 5 && growth.is_some() && (-margin..=1.0 + margin).contains(&law.bend)
     });
-    let by_law = law.map_or(MODES.map(|(_, prior)| prior), |law| likelihoods(&law, magnification));
-    let by_direction = growth
-        .filter(|_| in_mm)
-        .map(|growth| MODES.map(|(mode, _)| (growth < 0.0) == (mode == CaptureMode::FixedLens)));
-    let both = [0, 1, 2].map(|n| if by_direction.is_none_or(|fits| fits[n]) { by_law[n] } else { 0.0 });
-    let is_contradictory = certain(&by_law).is_some_and(|n| both[n] == 0.0);
+    let by_law = law.map(|law| likelihoods(&law, magnification));
+    concluded(growth.filter(|_| in_mm), by_law, given, &LAW)
+}
+
+/// Decides the capture mode without the law, as the steps of the rail are not known to be even: from the direction of
+/// the sizes, and from `likelihoods` of a fixed lens, a moving lens and a lens that moves alone. The rest is as for
+/// [`decide`].
+pub(super) fn decide_by(
+    slices: &[ScaleSample],
+    in_mm: bool,
+    given: Option<CaptureMode>,
+    likelihoods: Option<[f64; 3]>,
+) -> CaptureReport {
+    let weighted = likelihoods.map(|by| [0, 1, 2].map(|n| MODES[n].1 * by[n]));
+    let mut report = concluded(growth(slices).filter(|_| in_mm), weighted, given, &PICTURES);
+    if let (Some(weighted), Some(found)) = (weighted, report.found) {
+        let of_found = (0..3).find(|&n| MODES[n].0 == found).map_or(0.0, |n| weighted[n]);
+        // the model of the evidence is not more certain than this
+        let confidence = (of_found / weighted.iter().sum::<f64>()).min(0.99);
+        report.confidence = Some(confidence);
+        report.detail = format!("{} (probability {:.0} %)", report.detail, 100.0 * confidence);
+    }
+    report
+}
+
+/// How the evidence is called in sentences.
+struct Words {
+    follows: &'static str,
+    disagrees: &'static str,
+    silent: &'static str,
+}
+
+const LAW: Words = Words {
+    follows: "the sizes follow the law of",
+    disagrees: "the law of the sizes",
+    silent: "the sizes do not show what moved: too few slices, too small a change of size, or uneven steps",
+};
+const PICTURES: Words = Words {
+    follows: "brightness and parallax of the slices are those of",
+    disagrees: "the brightness and parallax of the slices",
+    silent: "the slices do not show what moved: neither their brightness nor the parallax of near and far parts decides it",
+};
+
+/// The conclusion from the growth of the image towards the object, if it is known, and from probabilities.
+fn concluded(growth: Option<f64>, by: Option<[f64; 3]>, given: Option<CaptureMode>, words: &Words) -> CaptureReport {
+    let probable = by.unwrap_or(MODES.map(|(_, prior)| prior));
+    let by_direction = growth.map(|growth| MODES.map(|(mode, _)| (growth < 0.0) == (mode == CaptureMode::FixedLens)));
+    let both = [0, 1, 2].map(|n| if by_direction.is_none_or(|fits| fits[n]) { probable[n] } else { 0.0 });
+    let is_contradictory = certain(&probable).is_some_and(|n| both[n] == 0.0);
     let found = certain(&both).filter(|_| !is_contradictory).map(|n| MODES[n].0);
     let detail = match found {
-        _ if is_contradictory => {
-            "the law of the sizes and the direction of the rail disagree: check that rail positions are counted towards \
-             the object"
-                .to_owned()
-        }
-        Some(mode) if law.is_some() => format!("the sizes follow the law of {}", name(mode)),
+        _ if is_contradictory => format!(
+            "{} and the direction of the rail disagree: check that rail positions are counted towards the object",
+            words.disagrees
+        ),
+        Some(mode) if by.is_some() => format!("{} {}", words.follows, name(mode)),
         Some(mode) => format!("towards the object the image shrinks, as with {}", name(mode)),
         None if by_direction.is_some_and(|fits| !fits[0]) => format!(
             "the image grows towards the object, as with {} and with {}; the range of the rail is too small to tell them \
@@ -59,11 +101,9 @@ pub(super) fn decide(
             name(CaptureMode::MovingLens),
             name(CaptureMode::LensAlone)
         ),
-        None => "the sizes do not show what moved: too few slices, too small a change of size, or uneven steps: specify \
-                 capture_mode"
-            .to_owned(),
+        None => format!("{}: specify capture_mode", words.silent),
     };
-    CaptureReport { told: given, found, detail }
+    CaptureReport { told: given, found, confidence: None, detail }
 }
 
 /// The mode as a phrase for sentences.
@@ -73,6 +113,15 @@ pub(super) fn name(mode: CaptureMode) -> &'static str {
         CaptureMode::MovingLens => "a moving lens (camera and lens move together)",
         CaptureMode::LensAlone => "a lens that moves alone (the camera body is fixed)",
     }
+}
+
+/// That the slices show another mode than the user specified, as a sentence.
+pub(super) fn disagreement(given: CaptureMode, found: CaptureMode) -> String {
+    format!(
+        "capture_mode specifies {}, but the slices show {}: correct the option, or check what the rail moves",
+        name(given),
+        name(found)
+    )
 }
 
 /// Index of the mode that is likelier than the others together by far.

@@ -93,7 +93,7 @@ pub use drift::{NO_MOVEMENT_PX, SMALL_MOVEMENT_PX, drift};
 pub use later_camera::add_camera;
 pub use overlay::overlay;
 pub use result::{Calibration, Dot, DotUse};
-pub use stacks::{STACKS_BYTES, calibrate_by_stacks};
+pub use stacks::{Revision, STACKS_BYTES, calibrate_by_stacks, refine_by_stacks};
 pub use target_check::dot_target;
 
 use crate::imaging::Slices;

@@ -85,6 +85,11 @@ pub struct CalibrationOptions {
     /// `PUT /v1/scans/{scan}/archive`.
     #[serde(skip_serializing_if = "CalibrationSource::is_dot_target")]
     pub source: CalibrationSource,
+    /// With `source=stacks`: the revision of the profile to start from. Its homographies are refined by the stacks, and
+    /// the rest of it is kept: gains, distortion, scale and camera. Without a drift that the stacks show, the
+    /// homographies are kept too.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub from: Option<u32>,
     /// 0-based index of the reference slice; default: the middle one.
     pub reference_index: Option<u32>,
     /// Distance between neighbouring dots of the target, mm; with `pixel_pitch_mm` it gives the magnification.

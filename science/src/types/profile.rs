@@ -22,6 +22,9 @@ pub enum HomographyModel {
     /// One model for the whole stack: from the reference slice to a slice, scale and shift are linear in the rail
     /// position (three parameters; from stacks of objects rotation too).
     RailLinear,
+    /// Scale and rotation follow the rail, and each slice has a shift of its own (two parameters per slice; from stacks
+    /// of objects).
+    RailShifts,
     /// Scale, rotation and shift per slice (four parameters).
     Similarity,
     /// Six parameters per slice.

@@ -122,6 +122,9 @@ pub struct CaptureReport {
     pub told: Option<CaptureMode>,
     /// The mode found from the scales; null when they do not decide it.
     pub found: Option<CaptureMode>,
+    /// Probability of the mode that was found from brightness and parallax of stacks, 0 to 1; null otherwise.
+    #[serde(default)]
+    pub confidence: Option<f64>,
     /// The reason in one sentence.
     pub detail: String,
 }

@@ -15,6 +15,7 @@ use crate::{
         JobError,
         artifact::{REPORT, overlay_name},
         outcome::{CalibrationOutcome, JobOutcome},
+        profile::Profile,
         request::JobRequest,
     },
     http::{
@@ -45,13 +46,15 @@ pub(in crate::cli) struct Calibrated {
     files: Vec<OutputFile>,
 }
 
-/// Calibrates from the pictures of `views`: of a dot target, or of stacks of one rig. `scratch` is an empty folder.
+/// Calibrates from the pictures of `views`: of a dot target, or of stacks of one rig, which may refine the profile
+/// `from`. `scratch` is an empty folder.
 ///
 /// # Errors
 /// What the service refuses too; when the machine is too small for the job.
 pub(in crate::cli) fn calibrate(
     views: &[View],
     options: CalibrationOptions,
+    from: Option<Profile>,
     bar: &Bar,
     scratch: &Path,
 ) -> Result<Calibrated> {
@@ -71,7 +74,7 @@ pub(in crate::cli) fn calibrate(
         submission.to_request(no_upload(&*archive), layout).map_err(|fault| refused(fault.into()))?;
     let job = JobRequest::Calibration(request.clone());
     let runner = fitting(&job, scratch)?;
-    let context = context(job, None, archive, scratch)?;
+    let context = context(job, from, archive, scratch)?;
     let output = runner.measure(&context, &request, &stacks, bar).map_err(refused)?;
     let JobOutput { outcome: JobOutcome::Calibration(outcome), profile: Some(draft), files, .. } = output else {
         bail!("the calibration made no profile");

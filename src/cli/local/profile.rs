@@ -85,7 +85,7 @@ impl ProfileFlags {
             return Ok(UsedProfile { profile: read(path)?, called, calibrated: None });
         }
         let options = CalibrationOptions { source: CalibrationSource::Stacks, ..CalibrationOptions::default() };
-        let calibrated = calibrate(views, options, bar, scratch)?;
+        let calibrated = calibrate(views, options, None, bar, scratch)?;
         let profile = calibrated.draft.clone().revision(unnamed()?, unnamed()?, 1, Timestamp::now());
         Ok(UsedProfile {
             profile,
@@ -96,7 +96,10 @@ impl ProfileFlags {
 }
 
 /// The profile in a file.
-fn read(path: &Path) -> Result<Profile> {
+///
+/// # Errors
+/// When the file cannot be read, or is no profile.
+pub(in crate::cli) fn read(path: &Path) -> Result<Profile> {
     let bytes = fs::read(path).with_context(|| format!("cannot read the profile {}", path.display()))?;
     let nowhere = axum::http::Uri::from_static("/");
     let read = numbers::read(numbers::Kind::Unsaid, bytes, &nowhere);

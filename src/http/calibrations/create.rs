@@ -37,7 +37,7 @@ pub struct CalibrationForm {
 /// stored need not be sent again: a body of type `application/json` with the schema `StoredStacks` names them. (That
 /// type is `x-json-body` below, and not one of the types of the body, because a client that is generated from this
 /// document sends one type of body.) When the calibration succeeds, its homographies and gains become the next revision
-/// of the profile.
+/// of the profile. With `from` stacks refine the homographies of a revision, whose camera and gains are kept.
 ///
 /// A folder `moved` of the zip has one image of the same target after it was moved by `target_advance_mm`, with the
 /// rail where it was for the reference slice, or one per rail position. It measures the principal distance whatever
@@ -63,7 +63,7 @@ pub struct CalibrationForm {
         (status = 200, description = "The calibration has ended within the time of `Prefer: wait`", body = Calibration),
         (status = 202, description = "The calibration is accepted (with `Idempotency-Replayed: true`: by an earlier request)", body = Calibration, headers(("Location" = String, description = "URL of the calibration"))),
         (status = 400, description = "`invalid_request`: an invalid name or parameter; `upload_incomplete`: the connection closed or timed out before the end of the body"),
-        (status = 404, description = "`not_found`: no such stack; `scan_not_found`"),
+        (status = 404, description = "`not_found`: no such stack; `scan_not_found`; `profile_not_found`: no revision `from`"),
         (status = 410, description = "`upload_removed`: the zip of a stored stack was removed at the end of its retention period"),
         (status = 413, description = "`upload_too_large`: the body exceeds the limit, or storing a shared zip takes longer than 50 minutes"),
         (status = 415, description = "`unsupported_media_type`: neither a zip, a form nor JSON"),

@@ -127,6 +127,7 @@ class Client:
         moved: Union[PathLike, Sequence[PathLike], None] = None,
         stacks: Optional[Sequence[Reference]] = None,
         scan: Optional[str] = None,
+        from_revision: Optional[int] = None,
         on_bytes: Optional[OnBytes] = None,
         on_progress: Optional[OnProgress] = None,
         timeout_s: Optional[float] = None,
@@ -144,11 +145,15 @@ class Client:
                 zip or folder ``target`` it may be the folder ``moved`` instead.
             stacks: stored stacks of this rig, instead of ``target``: their pictures are not sent again.
             scan: a stored scan, instead of ``target``.
+            from_revision: the revision of the profile that stacks refine: its homographies follow the pictures, and
+                the rest of it is kept.
             on_bytes: called with bytes sent and their total.
             on_progress: called with the progress of the job.
             timeout_s: longest time to wait for the job after the upload, seconds; default: no limit.
             options: ``focal_mm``, ``pixel_pitch_mm``, ``target_pitch_mm``, ... of ``models.CalibrationOptions``.
         """
+        if from_revision is not None:
+            options = {"source": "stacks", **options, "from": from_revision}
         if target is not None and stacks is None and scan is None:
             operation = self._do.calibrate(rig, lens, target, moved, options, on_bytes, on_progress, timeout_s)
         elif target is None and moved is None:

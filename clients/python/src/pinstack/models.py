@@ -37,7 +37,7 @@ HeightUnit = Literal["mm", "rail_mm", "steps"]
 Homography = List[float]
 
 
-HomographyModel = Literal["rail_linear", "similarity", "affine", "homography", "rig_parameters", "given"]
+HomographyModel = Literal["rail_linear", "rail_shifts", "similarity", "affine", "homography", "rig_parameters", "given"]
 
 
 ImageFormat = Literal["png", "tiff", "jpeg"]
@@ -217,6 +217,7 @@ class CalibrationOptions(TypedDict):
     allow_new_size: NotRequired[bool]
     capture_mode: NotRequired[Optional[CaptureMode]]
     focal_mm: NotRequired[Optional[float]]
+    # from: NotRequired[Optional[int]]
     keep: NotRequired[Keep]
     model: NotRequired[ModelChoice]
     moved_target: NotRequired[Optional[str]]

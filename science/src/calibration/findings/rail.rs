@@ -90,12 +90,7 @@ pub(super) fn findings(facts: &Facts) -> Vec<Finding> {
     if let (Some(given), Some(found)) = (facts.capture.told, facts.capture.found)
         && given != found
     {
-        let detail = format!(
-            "capture_mode specifies {}, but the slices show {}: correct the option, or check what the rail moves",
-            capture::name(given),
-            capture::name(found)
-        );
-        out.push(Finding::remark(WarningCode::CaptureModeDisagrees, detail));
+        out.push(Finding::remark(WarningCode::CaptureModeDisagrees, capture::disagreement(given, found)));
     }
     let contradictions = facts.contradictions.iter();
     out.extend(contradictions.map(|found| Finding::remark(found.code.clone(), found.detail.clone())));

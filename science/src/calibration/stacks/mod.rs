@@ -8,8 +8,10 @@
 //! | pictures | `picture` | fine detail of each slice at several resolutions |
 //! | registration | `view`, `pair`, `window` | windows that slices 1, 2, 3, 5 and 8 apart share, each with its covariance |
 //! | focus | `perspective` | where each window is in focus; what is far from it counts little |
+//! | start | `refine` | the profile that a refinement starts from |
 //! | geometry | `network`, `model`, `normal`, `banded`, `transform` | one fit of all transforms to all windows |
 //! | brightness | `gains` | the gains that follow from neighbouring slices |
+//! | capture mode | `capture_mode` | what brightness and parallax show of what moved |
 //! | report | `report` | uncertainties, capture mode, camera, verdict |
 //!
 //! A stack shows a place sharply in few slices only, so errors of neighbours add up along the stack. Growth and
@@ -18,6 +20,7 @@
 //! `docs/method/CALIBRATION_BY_STACKS.md`.
 
 mod banded;
+mod capture_mode;
 mod gains;
 mod matched;
 mod model;
@@ -26,6 +29,7 @@ mod normal;
 mod pair;
 mod perspective;
 mod picture;
+mod refine;
 mod report;
 #[cfg(test)]
 mod tests;
@@ -38,10 +42,12 @@ use super::transform_models::Frame;
 use crate::imaging::Slices;
 use crate::types::calibration_options::{CalibrationOptions, ModelChoice};
 use crate::types::{Control, Error, ErrorKind, Interrupted};
+use capture_mode::Shown;
 use matched::Pair;
-use model::{MODELS, NetworkModel};
+use model::{MODELS, NetworkModel, REFINING};
 use network::{GROUPS, Network, NetworkFit};
 use pair::LEAST_WINDOWS;
+pub use refine::Revision;
 
 /// Most slices that are registered, of all views together: of more views, some are passed over.
 const MAX_SLICES: usize = 1200;
@@ -90,8 +96,40 @@ pub fn calibrate_by_stacks(
     options: &CalibrationOptions,
     control: &dyn Control,
 ) -> Result<Calibration, Interrupted> {
+    calibrate(views, None, options, control)
+}
+
+/// Refines the homographies of a profile by stacks of objects: the rig has drifted, or the camera was taken off. The
+/// rest is as for [`calibrate_by_stacks`], but gains, distortion, scale and camera are those of the profile, and so are
+/// the homographies if the stacks show no drift. The findings say how far the image corners moved.
+///
+/// `options.model` is that of the change; the reference slice and the rail positions are those of the profile.
+///
+/// # Errors
+/// As [`calibrate_by_stacks`]; [`ErrorKind::SizeMismatch`] and [`ErrorKind::SliceCountMismatch`] too when the profile
+/// is for other slices; [`ErrorKind::InvalidProfile`] when a homography of it is singular.
+pub fn refine_by_stacks(
+    views: &[&dyn Slices],
+    from: &Revision<'_>,
+    options: &CalibrationOptions,
+    control: &dyn Control,
+) -> Result<Calibration, Interrupted> {
+    let options = CalibrationOptions { reference_index: Some(from.input.reference_index), ..options.clone() };
+    calibrate(views, Some(from), &options, control)
+}
+
+fn calibrate(
+    views: &[&dyn Slices],
+    from: Option<&Revision<'_>>,
+    options: &CalibrationOptions,
+    control: &dyn Control,
+) -> Result<Calibration, Interrupted> {
+    from.zip(views.first()).map_or(Ok(()), |(from, first)| from.check_count(*first))?;
     let (count, reference) = checked(views, options)?;
-    let given = super::rail_positions(options, count)?;
+    let given = match from {
+        Some(from) => from.input.rail_positions_mm.clone(),
+        None => super::rail_positions(options, count)?,
+    };
     let positions = given.clone().unwrap_or_else(|| (0..count).map(|i| i as f64).collect());
     let offsets: Vec<f64> = positions.iter().map(|z| z - positions[reference]).collect();
     let every = (views.len() * count).div_ceil(MAX_SLICES).max(1);
@@ -99,11 +137,16 @@ pub fn calibrate_by_stacks(
     let first = views[0].load(0)?;
     let size = [first.width, first.height];
     drop(first);
+    from.map_or(Ok(()), |from| from.check_size(size))?;
 
     let (mut pairs, focus) = registered(&views, size, control)?;
     require_connected(views[0], &pairs, count, reference)?;
-    let beyond = perspective::weigh(&mut pairs, &focus);
+    let beyond = perspective::weigh(&mut pairs, &focus, &offsets, from.is_some());
     let frame = Frame::new(size[0], size[1]);
+    let start = from.map_or_else(|| Ok(vec![[0.0; 8]; count]), |from| from.transforms(&frame))?;
+    if let Some(from) = from {
+        from.undistort(&mut pairs, &frame);
+    }
     let groups = groups(&pairs, views.len());
     let network = Network {
         pairs: &pairs,
@@ -111,31 +154,39 @@ pub fn calibrate_by_stacks(
         beyond: &beyond,
         offsets: &offsets,
         reference,
-        bend: perspective::bend(options.capture_mode),
+        start: &start,
+        start_growth: refine::growth(&start, &offsets),
+        bend: if from.is_some() { perspective::NO_BEND } else { perspective::bend(options.capture_mode) },
         centre: [0.0; 2],
         frame: &frame,
         size: size.map(|v| v as u32),
     };
-    let fits = MODELS.map(|model| Some((model, network.fit(model, false)?)));
-    let fits: Vec<(NetworkModel, NetworkFit)> = fits.into_iter().flatten().collect();
-    let Some(chosen) = chosen(&fits, options.model) else {
-        let detail = format!(
-            "the slices share too little detail to calibrate from them{}: photograph an object with fine detail all \
-             over the picture and at all depths (a weave, a rough stone, a circuit board), or a dot target",
-            if views.len() == 1 { ", and there is only one view" } else { "" }
-        );
-        return Err(Error::new(ErrorKind::TargetNotFound, detail).into());
+    let models: &[NetworkModel] = if from.is_some() { &REFINING } else { &MODELS };
+    let has_parallax = from.is_some_and(Revision::has_parallax);
+    let fits = models.iter().filter_map(|model| Some((*model, network.fit(*model, has_parallax)?)));
+    let mut fits: Vec<(NetworkModel, NetworkFit)> = fits.collect();
+    let mut chosen = chosen(&fits, options.model).ok_or_else(|| too_plain(views.len()))?;
+    let refined = match from {
+        Some(revision) => {
+            let (changed, moved) = refine::changed(&mut fits, chosen, &start, &frame, network.size);
+            chosen = changed;
+            Some(report::Refined { revision, moved })
+        }
+        None => None,
     };
-    // the parallax is asked for under the chosen model, and only reported
-    let parallax = network.fit(fits[chosen].0, true).and_then(|fit| fit.parallax);
-    let gains = gains::gains(&pairs, count, reference);
+    // asked for under the model that expects nothing of the rail, and only reported
+    let parallax = network.fit(NetworkModel::FreeSimilarities, true).and_then(|fit| fit.parallax);
+    let measured = gains::gains(&pairs, count, reference);
+    let shown = Shown::of(&fits[chosen].1.parameters, &offsets, &measured, parallax);
+    let gains = from.map_or(measured, |from| (0..count).map(|slice| from.input.gain(slice)).collect());
     let facts = report::Facts {
         slices: views[0],
         views: views.len(),
         pairs: &pairs,
         fits: &fits,
         chosen,
-        parallax,
+        refined,
+        shown,
         gains: &gains,
         positions: &positions,
         in_mm: given.is_some(),
@@ -144,6 +195,16 @@ pub fn calibrate_by_stacks(
         size: size.map(|v| v as u32),
     };
     report::calibration(&facts, options)
+}
+
+/// That the windows do not determine the transforms.
+fn too_plain(views: usize) -> Error {
+    let detail = format!(
+        "the slices share too little detail to calibrate from them{}: photograph an object with fine detail all over the \
+         picture and at all depths (a weave, a rough stone, a circuit board), or a dot target",
+        if views == 1 { ", and there is only one view" } else { "" }
+    );
+    Error::new(ErrorKind::TargetNotFound, detail)
 }
 
 /// Number of slices of each view, and index of the reference slice.
@@ -253,8 +314,8 @@ fn groups(pairs: &[Pair], views: usize) -> Vec<Vec<u8>> {
     pairs.iter().map(of_pair).collect()
 }
 
-/// Index of the fit to use: the simplest that agrees with the windows about as well as the most complex one, or the one
-/// that was asked for.
+/// Index of the fit to use, of those that change the start: the simplest that agrees with the windows about as well as
+/// the most complex one, or the one that was asked for.
 fn chosen(fits: &[(NetworkModel, NetworkFit)], requested: ModelChoice) -> Option<usize> {
     let wanted = match requested {
         ModelChoice::RailLinear => Some(NetworkModel::Rail),
@@ -265,7 +326,9 @@ fn chosen(fits: &[(NetworkModel, NetworkFit)], requested: ModelChoice) -> Option
         return fits.iter().position(|(model, _)| Some(*model) == wanted);
     }
     let (_, best) = fits.last()?;
-    fits.iter().position(|(_, fit)| {
-        fit.scatter <= SCATTER_TOLERANCE * best.scatter && fit.misfit <= best.misfit + MISFIT_TOLERANCE
+    fits.iter().position(|(model, fit)| {
+        *model != NetworkModel::Unchanged
+            && fit.scatter <= SCATTER_TOLERANCE * best.scatter
+            && fit.misfit <= best.misfit + MISFIT_TOLERANCE
     })
 }

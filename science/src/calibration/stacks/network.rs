@@ -32,18 +32,30 @@ pub(super) const GROUPS: usize = 16;
 /// many times what their scatter lets expect.
 const OUTLINES: f64 = 12.0;
 
+/// Standard deviations that leaving out groups finds are multiplied by this: all windows of a stack share errors, such
+/// as blur that spreads over outlines. `cargo bench --bench calibration_stacks` compares with the truth.
+pub(super) const SHARED_ERRORS: f64 = 4.0;
+/// Least standard deviation of an image corner, px: of what no window shows, such as a sensor that is not square to the
+/// rail.
+pub(super) const LEAST_SIGMA: f64 = 0.1;
+
 /// The windows and what is known of the stack.
 pub(super) struct Network<'a> {
     /// All pairs.
     pub pairs: &'a [Pair],
     /// Per pair and window its group, below [`GROUPS`].
     pub groups: &'a [Vec<u8>],
-    /// Per pair and window how far, on the rail, the window's focus is beyond the middle between the two slices.
+    /// Per pair and window how far, on the rail, its focus is beyond the middle of the two slices, or beyond the
+    /// reference slice (`perspective::weigh`).
     pub beyond: &'a [Vec<f64>],
     /// Rail position of each slice relative to the reference slice.
     pub offsets: &'a [f64],
     /// Index of the reference slice.
     pub reference: usize,
+    /// Per slice the transform reference slice -> slice to begin with; the unknowns are added to it.
+    pub start: &'a [Parameters],
+    /// Growth of these per unit of the rail.
+    pub start_growth: f64,
     /// Expected bend of the growth and its standard deviation, in squares of the growth (`perspective::bend`).
     pub bend: [f64; 2],
     /// The point about which the image grows, units.
@@ -71,6 +83,13 @@ pub(super) struct NetworkFit {
     pub agreeing: Vec<(u32, f64)>,
     /// Number of free parameters.
     pub free: usize,
+}
+
+impl NetworkFit {
+    /// The standard deviation of the worst image corner of a slice as it is stated, px.
+    pub(super) fn stated_sigma(&self, slice: usize) -> f64 {
+        (SHARED_ERRORS * self.corner_sigma[slice]).hypot(LEAST_SIGMA)
+    }
 }
 
 impl Network<'_> {
@@ -165,7 +184,7 @@ impl Network<'_> {
     /// how much of the result rests on it.
     fn expect(&self, layout: &Layout, found: &Unknowns, scatter: f64, normal: &mut Normal) {
         let Some(bend) = layout.model.bend().filter(|_| scatter.is_finite()) else { return };
-        let square = found.shared[0].powi(2).max(1e-12);
+        let square = (self.start_growth + found.shared[0]).powi(2).max(1e-12);
         let (expected, sigma) = (self.bend[0] * square, self.bend[1] * square);
         normal.expect(bend, expected - found.shared[bend], (OUTLINES * scatter / sigma).powi(2));
     }
@@ -259,7 +278,7 @@ impl Layout {
         }
     }
 
-    /// The eight parameters of a slice.
+    /// What the unknowns add to the eight parameters of a slice.
     fn parameters(&self, network: &Network<'_>, found: &Unknowns, slice: usize) -> Parameters {
         let Some(first) = self.first(network, slice) else { return [0.0; 8] };
         let own = &found.of_slices[first..first + self.model.own()];
@@ -272,6 +291,10 @@ impl Layout {
     }
 
     fn all_parameters(&self, network: &Network<'_>, found: &Unknowns) -> Vec<Parameters> {
-        (0..network.offsets.len()).map(|slice| self.parameters(network, found, slice)).collect()
+        let of_slice = |(slice, start): (usize, &Parameters)| {
+            let by = self.parameters(network, found, slice);
+            std::array::from_fn(|k| start[k] + by[k])
+        };
+        network.start.iter().enumerate().map(of_slice).collect()
     }
 }

@@ -24,6 +24,9 @@ pub(super) fn bend(mode: Option<CaptureMode>) -> [f64; 2] {
     }
 }
 
+/// What is expected of a change of transforms that have the bend already.
+pub(super) const NO_BEND: [f64; 2] = [0.0, 0.25];
+
 /// Times the least detail of a cell that its largest must be for the cell to tell where it is in focus.
 const SHOWS_FOCUS: f32 = 3.0;
 
@@ -52,16 +55,23 @@ const NEAR: f64 = 2.0;
 const UNKNOWN: f64 = 4.0;
 
 /// Weighs the windows by how near to focus the two slices of their pair show them, and returns per pair and window how
-/// far its focus is beyond the middle of the two slices; 0 where it is unknown. `focus`: per view and cell, in slices.
-pub(super) fn weigh(pairs: &mut [Pair], focus: &[Vec<Option<f64>>]) -> Vec<Vec<f64>> {
+/// far on the rail its focus is beyond the middle of the two slices, or beyond the reference slice if `is_fixed`: if
+/// the transforms are those of the plane that is in focus there. 0 where it is unknown. `focus`: per view and cell, in
+/// slices. `offsets`: rail position per slice relative to the reference slice.
+pub(super) fn weigh(pairs: &mut [Pair], focus: &[Vec<Option<f64>>], offsets: &[f64], is_fixed: bool) -> Vec<Vec<f64>> {
+    let on_rail = |z: f64| {
+        let slice = (z.max(0.0) as usize).min(offsets.len().saturating_sub(2));
+        offsets[slice] + (z - slice as f64) * (offsets[slice + 1] - offsets[slice])
+    };
     let of_pair = |pair: &mut Pair| {
         let middle = pair.slices.iter().sum::<usize>() as f64 / 2.0;
+        let base = if is_fixed { 0.0 } else { pair.slices.map(|slice| offsets[slice]).iter().sum::<f64>() / 2.0 };
         let reach = (pair.slices[1] - pair.slices[0]) as f64 / 2.0;
         let of_window = |window: &mut WindowMatch| {
-            let known = focus[pair.view].get(window.cell as usize).copied().flatten().map(|z| z - middle);
-            let excess = known.map_or(UNKNOWN, |z| (z.abs() - reach).max(0.0));
+            let known = focus[pair.view].get(window.cell as usize).copied().flatten();
+            let excess = known.map_or(UNKNOWN, |z| ((z - middle).abs() - reach).max(0.0));
             window.information *= (1.0 + (excess / NEAR).powi(2)).powi(-4);
-            known.unwrap_or(0.0)
+            known.map_or(0.0, |z| on_rail(z) - base)
         };
         pair.windows.iter_mut().map(of_window).collect()
     };

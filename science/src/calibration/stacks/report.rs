@@ -1,8 +1,10 @@
 //! The result and the report of a calibration by stacks.
 
+use super::capture_mode::Shown;
 use super::matched::Pair;
 use super::model::NetworkModel;
-use super::network::NetworkFit;
+use super::network::{LEAST_SIGMA, NetworkFit, SHARED_ERRORS};
+use super::refine::{Movement, Revision};
 use crate::calibration::camera::{self, Known};
 use crate::calibration::capture;
 use crate::calibration::grade::{self, Finding};
@@ -10,18 +12,13 @@ use crate::calibration::result::Calibration;
 use crate::calibration::size_law::ScaleSample;
 use crate::calibration::transform_models::Frame;
 use crate::imaging::Slices;
-use crate::types::report::{CalibrationReport, CaptureReport, Grade, ModelCandidate, RailReport, SliceReport};
+use crate::types::report::{
+    CalibrationReport, CameraReport, CaptureReport, Grade, ModelCandidate, RailReport, SliceReport,
+};
 use crate::types::{
     Error, ErrorKind, Homography, Interrupted, Warning, WarningCode, calibration_options::CalibrationOptions,
     profile::ProfileSlice,
 };
-
-/// Standard deviations that leaving out groups finds are multiplied by this: all windows of a stack share errors, such
-/// as blur that spreads over outlines. `cargo bench --bench calibration_stacks` compares with the truth.
-const SHARED_ERRORS: f64 = 4.0;
-/// Least standard deviation of an image corner, px: of what no window shows, such as a sensor that is not square to the
-/// rail.
-const LEAST_SIGMA: f64 = 0.1;
 
 /// What is known after the fit.
 pub(super) struct Facts<'a> {
@@ -33,8 +30,9 @@ pub(super) struct Facts<'a> {
     /// The fits of all models, and the index of the chosen one.
     pub fits: &'a [(NetworkModel, NetworkFit)],
     pub chosen: usize,
-    /// Growth per unit of the rail and unit of depth, and its standard deviation.
-    pub parallax: Option<[f64; 2]>,
+    /// What was refined, if a profile was.
+    pub refined: Option<Refined<'a>>,
+    pub shown: Shown,
     pub gains: &'a [f64],
     /// Rail position per slice: mm where they were given, else slices.
     pub positions: &'a [f64],
@@ -42,6 +40,44 @@ pub(super) struct Facts<'a> {
     pub reference: usize,
     pub frame: &'a Frame,
     pub size: [u32; 2],
+}
+
+/// The profile that was refined, and how far the rig has moved since.
+pub(super) struct Refined<'a> {
+    pub revision: &'a Revision<'a>,
+    pub moved: Movement,
+}
+
+impl Refined<'_> {
+    /// What was changed, as a sentence.
+    fn sentence(&self) -> String {
+        let (name, Movement { px, sigma, slice, is_drift }) = (self.revision.name, self.moved);
+        match is_drift {
+            true => format!(
+                "the rig has drifted since {name}: the pictures move the image corners by up to {px:.2} +- {sigma:.2} px \
+                 (slice {slice}); gains, distortion, scale and camera are those of {name}"
+            ),
+            false => format!(
+                "the pictures show no drift since {name}: they would move no image corner by more than {px:.2} px (slice \
+                 {slice}), and are uncertain by {sigma:.2} px there, so all of {name} is kept"
+            ),
+        }
+    }
+
+    /// The camera of the revision.
+    fn camera(&self) -> CameraReport {
+        let input = self.revision.input;
+        CameraReport {
+            principal_distance_mm: input.principal_distance_mm,
+            principal_distance_px: input.principal_distance_px(),
+            source: input.principal_distance_source.unwrap_or_default(),
+            pupils: input.pupils,
+            principal_point_px: input.principal_point_px,
+            pixel_pitch_mm: input.pixel_pitch_mm,
+            detail: format!("that of {}", self.revision.name),
+            ..CameraReport::default()
+        }
+    }
 }
 
 /// The result.
@@ -53,28 +89,39 @@ pub(super) fn calibration(facts: &Facts<'_>, options: &CalibrationOptions) -> Re
     let slices = profile_slices(facts, fit)?;
     let worst = slices.iter().filter_map(|s| s.corner_sigma_px).fold(0.0, f64::max);
     let sizes = sizes(facts, fit, &slices);
-    let capture = capture::decide(&sizes, facts.in_mm, false, options.capture_mode, None);
-    let capture_mode = capture.found.or(options.capture_mode);
+    let told = facts.refined.as_ref().map_or(options.capture_mode, |refined| refined.revision.input.capture_mode);
+    let capture = capture::decide_by(&sizes, facts.in_mm, told, facts.shown.likelihoods());
+    let capture_mode = match facts.refined {
+        Some(_) => told,
+        None => capture.found.or(told),
+    };
     let known = Known {
         magnification: None,
         sizes: if facts.in_mm { &sizes } else { &[] },
         capture: capture_mode,
         pitch_px: [0.0, 1.0],
     };
-    let (camera, contradictions) = camera::camera(options, known);
+    let (camera, contradictions) = match &facts.refined {
+        Some(refined) => (refined.camera(), Vec::new()),
+        None => camera::camera(options, known),
+    };
+    let kept = facts.refined.as_ref().map(|refined| refined.revision);
     let rail = rail(facts, fit);
-    let finding = finding(facts, rail.growth, &capture);
+    let finding = match &facts.refined {
+        Some(refined) => refined.sentence(),
+        None => finding(facts, rail.growth, &capture),
+    };
     let mut findings = vec![Finding::limiting(Grade::Usable, WarningCode::CalibratedByStacks, finding)];
+    if let (Some(given), Some(found)) = (capture.told, capture.found)
+        && given != found
+    {
+        findings.push(Finding::remark(WarningCode::CaptureModeDisagrees, capture::disagreement(given, found)));
+    }
     findings.extend(contradictions.into_iter().map(|c| Finding::limiting(Grade::Usable, c.code, c.detail)));
     let (grade, _) = grade::grade(worst, &findings);
-    let verdict = format!(
-        "{}: calibrated from {} of the object itself, without a target; the image corners are uncertain by {worst:.2} \
-         px; at least {} windows per slice",
-        grade::word(grade),
-        if facts.views == 1 { "one stack".to_owned() } else { format!("{} stacks", facts.views) },
-        fit.agreeing.iter().map(|a| a.0).min().unwrap_or(0)
-    );
+    let verdict = verdict(facts, grade, worst);
     let warnings: Vec<Warning> = findings.into_iter().map(|finding| finding.warning).collect();
+    let profile_model = kept.map_or(model.name(), |kept| kept.model);
     let [width, height] = facts.size;
     let report = CalibrationReport {
         width,
@@ -84,8 +131,8 @@ pub(super) fn calibration(facts: &Facts<'_>, options: &CalibrationOptions) -> Re
         grade,
         findings: warnings.clone(),
         target: None,
-        model: model.name(),
-        model_reason: format!("{} is the simplest model that agrees with the windows of all slices", model.phrase()),
+        model: profile_model,
+        model_reason: model_reason(facts),
         candidates: candidates(facts),
         capture,
         rail: Some(rail),
@@ -99,11 +146,11 @@ pub(super) fn calibration(facts: &Facts<'_>, options: &CalibrationOptions) -> Re
         dots: vec![Vec::new(); slices.len()],
         slices,
         dot_pitch_px: f64::NAN,
-        magnification: None,
+        magnification: kept.and_then(|kept| kept.input.magnification),
         capture_mode,
-        model: model.name(),
-        distortion: None,
-        lateral_colour: None,
+        model: profile_model,
+        distortion: kept.and_then(|kept| kept.input.distortion),
+        lateral_colour: kept.and_then(|kept| kept.input.lateral_colour),
         warnings,
         verdict,
         report,
@@ -129,7 +176,7 @@ fn profile_slices(facts: &Facts<'_>, fit: &NetworkFit) -> Result<Vec<ProfileSlic
         };
         let sigma = match index == facts.reference {
             true => 0.0,
-            false => (SHARED_ERRORS * fit.corner_sigma[index]).hypot(LEAST_SIGMA),
+            false => fit.stated_sigma(index),
         };
         Ok(ProfileSlice {
             rms_px: (agreeing > 0).then_some(rms),
@@ -138,6 +185,40 @@ fn profile_slices(facts: &Facts<'_>, fit: &NetworkFit) -> Result<Vec<ProfileSlic
         })
     };
     (0..fit.parameters.len()).map(slice).collect()
+}
+
+/// The verdict in one sentence. `worst`: the largest standard deviation of an image corner, px.
+fn verdict(facts: &Facts<'_>, grade: Grade, worst: f64) -> String {
+    let what = match &facts.refined {
+        Some(Refined { revision, moved }) if moved.is_drift => {
+            format!("{} refined (the worst image corner moved by {:.2} px) from", revision.name, moved.px)
+        }
+        Some(Refined { revision, .. }) => format!("no drift since {} by", revision.name),
+        None => "calibrated from".to_owned(),
+    };
+    format!(
+        "{}: {what} {} of the object itself, without a target; the image corners are uncertain by {worst:.2} px; at least {} \
+         windows per slice",
+        grade::word(grade),
+        if facts.views == 1 { "one stack".to_owned() } else { format!("{} stacks", facts.views) },
+        facts.fits[facts.chosen].1.agreeing.iter().map(|a| a.0).min().unwrap_or(0)
+    )
+}
+
+/// Why the model was chosen, in one sentence.
+fn model_reason(facts: &Facts<'_>) -> String {
+    let (model, _) = &facts.fits[facts.chosen];
+    match &facts.refined {
+        Some(Refined { revision, moved }) if moved.is_drift => format!(
+            "{} is the simplest change of the homographies of {} that agrees with the windows of all slices",
+            model.phrase(),
+            revision.name
+        ),
+        Some(Refined { revision, .. }) => {
+            format!("no change of the homographies of {} is larger than its own uncertainty", revision.name)
+        }
+        None => format!("{} is the simplest model that agrees with the windows of all slices", model.phrase()),
+    }
 }
 
 /// How large the object is in each slice, relative to the reference slice.
@@ -171,11 +252,9 @@ fn rail(facts: &Facts<'_>, fit: &NetworkFit) -> RailReport {
 fn finding(facts: &Facts<'_>, growth: f64, capture: &CaptureReport) -> String {
     let offsets = || facts.positions.iter().map(|z| z - facts.positions[facts.reference]);
     let most = offsets().map(|z| (growth * z).powi(2) / 2.0).fold(0.0, f64::max) * facts.frame.half;
-    let parallax = facts.parallax.map(|[p, sigma]| [-p / growth.powi(2), sigma / growth.powi(2)]);
-    let measured = match parallax {
-        // the errors that all windows share are as large as this share of a moving lens
-        Some([share, sigma]) if sigma.hypot(0.5) < 1.0 => {
-            format!(" (measured: {:.1} +- {:.1} px)", share.max(0.0) * most, sigma.hypot(0.5) * most)
+    let measured = match facts.shown.parallax {
+        Some([share, sigma]) if sigma < 1.0 => {
+            format!(" (measured: {:.1} +- {:.1} px)", share.max(0.0) * most, sigma * most)
         }
         _ => String::new(),
     };
@@ -188,8 +267,9 @@ fn finding(facts: &Facts<'_>, growth: f64, capture: &CaptureReport) -> String {
     };
     format!(
         "the profile was made from {} pairs of slices of the object, not from a dot target: neither the scale nor the \
-         principal distance is known from it{perspective}",
-        facts.pairs.len()
+         principal distance is known from it{perspective}; {}",
+        facts.pairs.len(),
+        capture.detail
     )
 }
 

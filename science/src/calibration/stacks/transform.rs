@@ -2,7 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::calibration::transform_models::{Parameters, jacobian, map_point};
+use crate::calibration::transform_models::{Frame, Parameters, jacobian, map_point};
+use crate::types::Homography;
 
 /// Derivatives of [`map_point`] with respect to the point, one row per coordinate.
 pub(super) fn derivatives(p: &Parameters, at: [f64; 2]) -> [[f64; 2]; 2] {
@@ -30,6 +31,13 @@ pub(super) fn matrix(p: &Parameters) -> Matrix3<f64> {
 pub(super) fn projected(matrix: &Matrix3<f64>, at: [f64; 2]) -> [f64; 2] {
     let v = matrix * Vector3::new(at[0], at[1], 1.0);
     [v[0] / v[2], v[1] / v[2]]
+}
+
+/// The parameters of the map reference slice -> slice whose inverse is this homography, px; `None` if it is singular.
+pub(super) fn of_homography(homography: &Homography, frame: &Frame) -> Option<Parameters> {
+    let [x, y] = frame.centre;
+    let to_pixel = Matrix3::new(frame.half, 0.0, x, 0.0, frame.half, y, 0.0, 0.0, 1.0);
+    Some(parameters(&(to_pixel.try_inverse()? * homography.matrix().try_inverse()? * to_pixel)))
 }
 
 /// The parameters of a matrix.

@@ -7,10 +7,11 @@ use crate::{
     contract::{
         Code, Fault, Name,
         outcome::JobOutcome,
+        profile::Profile,
         ranges::check_calibration,
         request::{CalibrationRequest, StoredStack, Upload},
     },
-    http::{ApiError, ApiResult, App, extract::path::name, ingest::fields::Fields},
+    http::{ApiError, ApiResult, App, extract::path::name, ingest::fields::Fields, profiles},
 };
 use pinstack_science::types::{
     Warning, WarningCode,
@@ -29,6 +30,8 @@ pub struct CalibrationSubmission {
     current: Option<CurrentProfile>,
     /// The calibration with the target moved.
     moved: Option<MovedTarget>,
+    /// The revision that it refines.
+    from: Option<Box<Profile>>,
     /// The stored stacks whose pictures it uses.
     stacks: Vec<StoredStack>,
 }
@@ -82,7 +85,7 @@ impl CalibrationSubmission {
     }
 
     /// # Errors
-    /// `invalid_request` that names the field.
+    /// `invalid_request` that names the field; `profile_not_found` for a revision to refine that does not exist.
     pub async fn read(app: &App, fields: &Fields) -> ApiResult<Self> {
         let named = |what: &str| name(what, fields.get(what).unwrap_or_default().to_owned());
         let (rig, lens) = (named("rig")?, named("lens")?);
@@ -95,10 +98,14 @@ impl CalibrationSubmission {
             options.moved_target_pitch_px = Some(moved.dot_pitch_px);
         }
         check_calibration(&options)?;
+        let from = match options.from {
+            Some(revision) => Some(Box::new(profiles::find(app, &rig, &lens, Some(revision)).await?)),
+            None => None,
+        };
         let current = app.store.metadata.profile(&rig, &lens, None).await?;
         let current =
             current.map(|p| CurrentProfile { size: (p.input.image_width, p.input.image_height), revision: p.revision });
-        Ok(Self { rig, lens, options, current, moved, stacks: Vec::new() })
+        Ok(Self { rig, lens, options, current, moved, from, stacks: Vec::new() })
     }
 
     /// A submission for a profile that does not exist yet, without another calibration of the moved target.
@@ -107,7 +114,7 @@ impl CalibrationSubmission {
     /// `invalid_request` for options that break a rule.
     pub fn new(rig: Name, lens: Name, options: CalibrationOptions) -> Result<Self, Fault> {
         check_calibration(&options)?;
-        Ok(Self { rig, lens, options, current: None, moved: None, stacks: Vec::new() })
+        Ok(Self { rig, lens, options, current: None, moved: None, from: None, stacks: Vec::new() })
     }
 
     pub(super) fn profile_key(&self) -> (&Name, &Name) {
@@ -152,6 +159,7 @@ impl CalibrationSubmission {
     }
 
     fn check(&self, layout: &StackLayout) -> Result<(), Fault> {
+        self.check_from(layout)?;
         if let Some(light) = layout.lights.first()
             && !self.is_by_stacks()
         {
@@ -188,6 +196,31 @@ impl CalibrationSubmission {
             return Err(Fault::new(Code::InvalidRequest, detail));
         }
         self.check_moved(layout)
+    }
+
+    /// Checks that the slices are those of the revision that is refined.
+    fn check_from(&self, layout: &StackLayout) -> Result<(), Fault> {
+        let Some(profile) = &self.from else { return Ok(()) };
+        let Profile { revision, input, .. } = &**profile;
+        let found = (layout.front.len(), layout.width, layout.height, layout.orientation);
+        let orientation = input.orientation.unwrap_or(layout.orientation);
+        let expected = (input.homographies.len(), input.image_width, input.image_height, orientation);
+        if found == expected {
+            return Ok(());
+        }
+        let told = |(count, width, height, tag): (usize, u32, u32, u8)| {
+            format!("{count} slices of {width} x {height} px with the orientation tag {tag}")
+        };
+        let detail = format!(
+            "the stack has {}, but revision {revision} of the profile {}/{} is for {}: its homographies can be refined by \
+             such stacks only; send one, name another revision, or omit from",
+            told(found),
+            self.rig,
+            self.lens,
+            told(expected)
+        );
+        let code = if found.0 == expected.0 { Code::SizeMismatch } else { Code::SliceCountMismatch };
+        Err(Fault::new(code, detail))
     }
 
     /// Checks the moved target, which is a folder of the zip or another calibration.

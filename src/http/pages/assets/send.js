@@ -11,7 +11,7 @@ import { start } from './upload.js';
 const MOST_HEADS = 600;
 const AT_ONCE = 6;
 const KEPT = 'pinstack-cameras';
-const NUMBERS = ['pan_deg', 'tilt_deg', 'target_pitch_mm', 'pixel_pitch_mm', 'rail_step_mm', 'focal_mm', 'pupil_ratio', 'target_advance_mm'];
+const NUMBERS = ['pan_deg', 'tilt_deg', 'target_pitch_mm', 'pixel_pitch_mm', 'rail_step_mm', 'focal_mm', 'pupil_ratio', 'target_advance_mm', 'from'];
 
 const form = document.getElementById('send');
 const by = (id) => document.getElementById(id);
@@ -153,8 +153,10 @@ function show() {
 /** The values of the form as they are sent. */
 function described() {
   const value = (name) => (form.elements[name]?.closest('[hidden]') ? '' : form.elements[name]?.value.trim() ?? '');
-  const options = numbersOf(form, NUMBERS);
-  for (const name of ['label', 'moved_target', 'capture_mode']) if (value(name)) options[name] = value(name);
+  const measured = numbersOf(form, NUMBERS);
+  // a revision that is refined has its own camera
+  const options = measured.from ? { from: measured.from } : measured;
+  for (const name of ['label', 'moved_target', 'capture_mode']) if (value(name) && !measured.from) options[name] = value(name);
   const scan = value('scan');
   const metadata = { rig: value('rig'), lens: value('lens'), purpose: purpose() };
   if (purpose() === 'no_target') {

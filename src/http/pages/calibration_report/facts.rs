@@ -204,6 +204,7 @@ fn mode(mode: CaptureMode) -> &'static str {
 fn model(model: HomographyModel) -> &'static str {
     match model {
         HomographyModel::RailLinear => "Rail law",
+        HomographyModel::RailShifts => "Rail law, a shift per slice",
         HomographyModel::Similarity => "Similarity",
         HomographyModel::Affine => "Affine",
         HomographyModel::Homography => "Homography",

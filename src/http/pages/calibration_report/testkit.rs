@@ -60,6 +60,7 @@ pub(super) fn report(count: usize) -> CalibrationReport {
         model_reason: "the rail law has the lowest expected error at the image corners".into(),
         candidates: candidates(),
         capture: CaptureReport {
+            confidence: None,
             told: Some(CaptureMode::FixedLens),
             found: Some(CaptureMode::FixedLens),
             detail: "1/scale is linear in the position on the rail to 2e-6; the scale itself is not (4e-5)".into(),

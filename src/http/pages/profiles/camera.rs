@@ -17,7 +17,14 @@ pub struct Field {
 }
 
 /// The fields in the order of the form.
-pub const FIELDS: [Field; 8] = [
+pub const FIELDS: [Field; 9] = [
+    Field {
+        name: "from",
+        label: "Refine revision",
+        purposes: "no_target",
+        hint: "Number of a revision of this profile whose alignment has drifted. Its camera is kept, and the other numbers are not used.",
+        drawing: r#"<path stroke-dasharray="4 3" d="M18 8h52v34H18z"/><path d="M26 14h52v34H26z"/><path class="mark" d="M84 10v12M78 16h12"/>"#,
+    },
     Field {
         name: "target_pitch_mm",
         label: "Dot pitch, mm",
@@ -181,7 +188,9 @@ pub fn facts(input: &ProfileInput) -> Markup {
 /// The section of a profile page: the line or nothing, and the form that gives the profile a camera.
 pub fn section(input: &ProfileInput, rig: &Name, lens: &Name, may_write: bool) -> Markup {
     let is_missing = input.principal_distance_px().is_none();
-    let fields = FIELDS.iter().filter(|field| !field.name.contains("moved") && field.name != "target_advance_mm");
+    let is_of_profile =
+        |field: &&Field| !field.name.contains("moved") && !["target_advance_mm", "from"].contains(&field.name);
+    let fields = FIELDS.iter().filter(is_of_profile);
     html! {
         section id="camera" {
             h2 { "Camera" }

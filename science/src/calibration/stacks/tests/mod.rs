@@ -1,5 +1,7 @@
 //! Calibration by stacks against the truth of the renderer.
 
+mod refine;
+
 use std::sync::Arc;
 
 use super::*;
