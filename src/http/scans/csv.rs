@@ -54,8 +54,8 @@ struct CsvParameters {
 
 /// Get the views of a scan as CSV
 ///
-/// One row per view with its state, verdict, metrics and outliers, as `GET /v1/scans/{scan}` shows them (RFC 4180, UTF-8,
-/// decimal points). An empty field means unknown.
+/// One row per view with its state, verdict, metrics and outliers, as `GET /v1/scans/{scan}` shows them (RFC 4180,
+/// UTF-8, decimal points). An empty field means unknown.
 #[utoipa::path(
     get,
     path = "/v1/scans/{scan}/views.csv",

@@ -136,6 +136,8 @@ async fn filled(store: &PostgresMetadata) {
          VALUES (gen_random_uuid(), 10, 3, '\\x00ff27', 'rig cg==', 1, 7, 8)",
         "INSERT INTO tokens (id, name, digest, scopes, created_at, quota_bytes)
          VALUES (gen_random_uuid(), 'lab', sha256('x'), 'read', 9, 1000)",
+        "INSERT INTO notes (id, scan, text, author, created_at)
+         VALUES (gen_random_uuid(), 'bee', 'left \u{1f41e}', 'lab', 12)",
         "INSERT INTO clock_gaps (at_ms, gap_ms) VALUES (10, 11)",
         "DELETE FROM jobs WHERE seq = (SELECT max(seq) FROM jobs)",
         "UPDATE jobs SET fraction = 0.1, error = 'K\u{e4}fer \u{1f41e} \"', owner = gen_random_uuid()",
