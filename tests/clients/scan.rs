@@ -4,6 +4,7 @@
 
 mod bundle;
 mod colmap;
+mod findings;
 mod pooled;
 #[allow(dead_code, reason = "the bench of poses uses more of it")]
 mod setup;

@@ -16,8 +16,9 @@ use pinstack_science::types::view::ViewAngles;
 
 /// Rotation by which a step must differ, degrees.
 const LEAST_DEG: f64 = 0.5;
-/// Displacement by which a step must differ, as a share of the distance between neighbours.
-const LEAST_SHARE: f64 = 0.1;
+/// Displacement by which a step must differ, as a share of the distance between neighbours. With steps of 10 to 20
+/// degrees it is 0.35 to 0.7 % of the radius: a turn by `LEAST_DEG` moves a camera by 0.9 %.
+const LEAST_SHARE: f64 = 0.02;
 /// Larger differences, in multiples of these two, count as this one when the typical step is chosen.
 const MOST_DIFFERENCE: f64 = 20.0;
 /// How much more than the median a step must differ.

@@ -50,6 +50,14 @@ pub enum Solid {
 }
 
 impl Solid {
+    /// Moves it, mm.
+    pub(super) fn shift(&mut self, by: Vector3<f64>) {
+        match self {
+            Self::Ellipsoid { centre, .. } => *centre += by,
+            Self::Capsule { from, to, .. } => (*from, *to) = (*from + by, *to + by),
+        }
+    }
+
     /// Its middle.
     pub(super) fn centre(&self) -> Vector3<f64> {
         match self {

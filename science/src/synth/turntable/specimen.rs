@@ -19,6 +19,8 @@ pub struct Specimen {
     /// Its parts. They may penetrate each other.
     pub limbs: Vec<Limb>,
     seed: u64,
+    /// How far it was moved: its surface moves with it.
+    moved_by: Vector3<f64>,
 }
 
 /// A part of a specimen.
@@ -66,7 +68,16 @@ impl Specimen {
                 limbs.push(limb(Solid::Capsule { from, to, radius }, PLATE));
             }
         }
-        Self { limbs, seed }
+        Self { limbs, seed, moved_by: Vector3::zeros() }
+    }
+
+    /// The same specimen elsewhere, `by` mm.
+    #[must_use]
+    pub fn moved(mut self, by: [f64; 3]) -> Self {
+        let by = Vector3::from(by);
+        self.limbs.iter_mut().for_each(|limb| limb.solid.shift(by));
+        self.moved_by += by;
+        self
     }
 
     /// Linear RGB of a limb where a ray meets it. `pixel_mm` is the width of a pixel on a surface that faces the
@@ -82,8 +93,8 @@ impl Specimen {
     ) -> [f32; 3] {
         // a slanted surface shows more of its length per pixel: what is finer than that would only alias
         let finest = 1.2 * pixel_mm / cos_incidence.max(0.1);
-        let marble = grain(self.seed, hit.point, finest);
-        let spot = spot(self.seed, hit.point, finest);
+        let at = hit.point - self.moved_by;
+        let (marble, spot) = (grain(self.seed, at, finest), spot(self.seed, at, finest));
         let diffuse = 0.62 + 0.38 * hit.normal.dot(towards_light).max(0.0) as f32;
         let tone = diffuse * (1.25 * marble).exp() * spot;
         limb.colour.map(|value| (value * tone).clamp(0.004, 1.0))
@@ -132,6 +143,7 @@ fn spot(seed: u64, point: Vector3<f64>, finest: f64) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::solid::Ray;
     use super::*;
 
     #[test]
@@ -144,6 +156,21 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_moved_specimen_takes_its_surface_with_it() {
+        let ray = |y: f64| Ray { from: Vector3::new(100.0, y, 0.3), towards: Vector3::new(-1.0, 0.0, 0.0) };
+        let colour = |specimen: &Specimen, ray: &Ray| {
+            let limb = &specimen.limbs[0];
+            let hit = limb.solid.hit(ray).expect("it is hit");
+            specimen.colour(limb, &hit, 0.05, 1.0, &Vector3::x())
+        };
+        let beetle = Specimen::beetle(3);
+        let moved = beetle.clone().moved([0.0, 1.5, 0.0]);
+        let apart = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(apart(colour(&beetle, &ray(0.2)), colour(&moved, &ray(1.7))) < 1e-3);
+        assert!(apart(colour(&beetle, &ray(0.2)), colour(&moved, &ray(0.2))) > 1e-2);
     }
 
     #[test]
