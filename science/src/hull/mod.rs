@@ -136,6 +136,45 @@ pub struct HullSummary {
 
 /// The visual hull of the views with these cameras.
 ///
+/// A ball of radius 1 mm, seen from 24 directions at a distance of 10 mm:
+///
+/// ```
+/// use pinstack_science::{
+///     hull::{HullOptions, ViewPictures, from_views},
+///     imaging::{Plane, Raster},
+///     types::{Error, NoControl, pinhole::PinholeCamera, view::ViewAngles},
+/// };
+///
+/// struct Masks;
+///
+/// impl ViewPictures for Masks {
+///     fn mask(&self, _view: usize) -> Result<Plane<u8>, Error> {
+///         let radius_px = 500.0 / 99_f64.sqrt();
+///         let is_inside = |x: usize, y: usize| (x as f64 - 99.5).hypot(y as f64 - 99.5) < radius_px;
+///         Ok(Plane::from_fn(200, 200, |x, y| if is_inside(x, y) { 255 } else { 0 }))
+///     }
+///     fn picture(&self, _view: usize) -> Result<Option<Raster>, Error> {
+///         Ok(None)
+///     }
+/// }
+///
+/// let angles = (0..24).map(|at| ViewAngles { pan_deg: 30.0 * f64::from(at), tilt_deg: if at < 12 { 0.0 } else { 45.0 } });
+/// let cameras: Vec<PinholeCamera> = angles
+///     .map(|angles| PinholeCamera {
+///         rotation: angles.rotation(),
+///         centre: angles.direction().map(|x| 10.0 * x),
+///         focal_px: [500.0; 2],
+///         principal_point_px: [99.5; 2],
+///         radial: [0.0; 2],
+///         size: [200; 2],
+///     })
+///     .collect();
+/// let hull = from_views(&cameras, &Masks, &HullOptions::default(), &NoControl)?;
+/// let ball = 4.0 / 3.0 * std::f64::consts::PI;
+/// assert!((0.99..1.1).contains(&(hull.summary.volume / ball)), "{}", hull.summary.volume);
+/// # Ok::<(), pinstack_science::types::Interrupted>(())
+/// ```
+///
 /// # Errors
 /// [`Interrupted::Failed`] with [`ErrorKind::InvalidParameter`] for options out of range,
 /// [`ErrorKind::SizeMismatch`] for a mask or picture of another size than its camera, [`ErrorKind::InvalidPoses`] with
