@@ -104,10 +104,16 @@ const scenarios = {
     await page.waitForSelector('#chosen table');
     assert.match(await page.textContent('#chosen'), /2 views[^]*pan000_tilt00[^]*pan020_tilt00/);
     assert.deepEqual(await page.locator('#chosen tbody tr').nth(1).locator('td').allTextContents(), ['views/pan020_tilt00', '20', '0', '4', '4', '']);
+    // offered where the server has COLMAP
+    const auto = page.locator('input[name=reconstruct]');
+    const isOffered = await auto.count() === 1;
+    if (isOffered) await auto.check();
     await send(page);
     await page.click('text=See the scan bee');
     await page.waitForSelector('.grid .view img');
     assert.equal(await page.locator('.grid .view').count(), 2);
+    const made = await (await fetch(`${base}/v1/scans/bee`)).json();
+    assert.deepEqual([made.reconstruct, made.expected_views], isOffered ? ['auto', 2] : ['on_request', null]);
     page.settled();
   },
 

@@ -706,7 +706,9 @@ class ReconstructionLinks(TypedDict):
     cameras: NotRequired[Optional[str]]
     cancel: NotRequired[Optional[str]]
     events: str
+    hull: NotRequired[Optional[str]]
     log: NotRequired[Optional[str]]
+    mesh: NotRequired[Optional[str]]
     model: NotRequired[Optional[str]]
     points: NotRequired[Optional[str]]
     poses: NotRequired[Optional[str]]
