@@ -112,7 +112,7 @@ async fn schemas_of_other_versions_are_recognised() {
     let mut connection = SqliteConnection::connect_with(&options).await.expect("a database");
     for (sql, expected, told) in [
         ("UPDATE _sqlx_migrations SET version = version + 87", "problem", "newer version"),
-        ("UPDATE _sqlx_migrations SET version = version - 91", "problem", "before the first release"),
+        ("UPDATE _sqlx_migrations SET version = version - 100", "problem", "before the first release"),
     ] {
         sqlx::query(sql).execute(&mut connection).await.expect(sql);
         let (_, findings) = doctor(&data, &[]);

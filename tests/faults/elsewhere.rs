@@ -1,4 +1,5 @@
-//! Failpoints that the story of the matrix does not reach: of commands, garbage collection, calibrations and reconstructions.
+//! Failpoints that the story of the matrix does not reach: of commands, garbage collection, calibrations and
+//! reconstructions.
 
 use std::path::Path;
 

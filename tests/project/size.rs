@@ -10,7 +10,7 @@ use std::{
 use crate::source::{Graph, SOURCES, project, rust_files};
 
 /// Production lines of both crates: code, comments and blanks, without what stands behind `#[cfg(test)]`.
-const MOST_PRODUCTION_LINES: usize = 103_800;
+const MOST_PRODUCTION_LINES: usize = 106_000;
 
 /// Lines of a source file, tests included.
 const LONGEST_FILE: usize = 350;

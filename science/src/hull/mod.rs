@@ -158,7 +158,8 @@ pub struct HullSummary {
 ///     }
 /// }
 ///
-/// let angles = (0..24).map(|at| ViewAngles { pan_deg: 30.0 * f64::from(at), tilt_deg: if at < 12 { 0.0 } else { 45.0 } });
+/// let angles =
+///     (0..24).map(|at| ViewAngles { pan_deg: 30.0 * f64::from(at), tilt_deg: if at < 12 { 0.0 } else { 45.0 } });
 /// let cameras: Vec<PinholeCamera> = angles
 ///     .map(|angles| PinholeCamera {
 ///         rotation: angles.rotation(),

@@ -59,7 +59,7 @@ fn is_passing(code: Code) -> bool {
     matches!(code, Code::QueueFull | Code::Unavailable | Code::InsufficientStorage)
 }
 
-/// Makes the reconstruction of a scan, if all its views are there and nobody made that of the same stacks before.
+/// Makes the reconstruction of a scan once all its views are there, and once for the same stacks.
 async fn examine(app: &App, scan: &SettledScan) -> ApiResult<()> {
     let Some(caller) = Caller::of_owner(app, scan.owner).await? else { return Ok(()) };
     let options = ReconstructionOptions::default();

@@ -1,7 +1,7 @@
 //! The mesh that an outside program makes of the model and the images.
 //!
-//! In: the command of the setting `mesh_command`, with placeholders for folders and files. Out: a PLY or GLB with faces.
-//! Whatever is wrong with the command becomes a finding: the rest of the reconstruction is right without it.
+//! In: the command of the setting `mesh_command`, with placeholders for folders and files. Out: a PLY or GLB with
+//! faces. Whatever is wrong with the command becomes a finding: the rest of the reconstruction is right without it.
 
 use std::{
     fs::{self, File},
@@ -21,24 +21,30 @@ const HEAD: u64 = 64 << 10;
 /// The file and its format.
 pub(super) type MeshFile = (PathBuf, FileFormat);
 
+/// What came of the command.
+pub(super) enum Mesh {
+    Made(MeshFile),
+    /// The command failed, exceeded a limit, or made no mesh.
+    Missing(ReconstructionFinding),
+}
+
 /// Runs the command.
 ///
 /// # Errors
-/// [`JobError::Cancelled`], and [`Code::InsufficientStorage`] when the disk is full. The inner result is an error when
-/// the command failed, exceeded a limit, or made no mesh.
-pub(super) fn mesh(place: &Place<'_>, command: &[String]) -> Result<Result<MeshFile, ReconstructionFinding>, JobError> {
-    let Some((program, arguments)) = command.split_first() else { return Ok(Err(finding("the command is empty"))) };
+/// [`JobError::Cancelled`], and [`Code::InsufficientStorage`] when the disk is full.
+pub(super) fn mesh(place: &Place<'_>, command: &[String]) -> Result<Mesh, JobError> {
+    let Some((program, arguments)) = command.split_first() else { return Ok(missing("the command is empty")) };
     let arguments: Vec<String> = arguments.iter().map(|argument| filled(argument, place.folder)).collect();
     match place.run(Path::new(program), &arguments, "the command of mesh_command", |_| {}) {
-        Ok(()) => Ok(made(&place.folder.join("mesh")).map_err(|detail| finding(&detail))),
-        Err(JobError::Failed(fault)) if fault.code != Code::InsufficientStorage => Ok(Err(finding(&fault.detail))),
+        Ok(()) => Ok(made(&place.folder.join("mesh")).map_or_else(|detail| missing(&detail), Mesh::Made)),
+        Err(JobError::Failed(fault)) if fault.code != Code::InsufficientStorage => Ok(missing(&fault.detail)),
         Err(error) => Err(error),
     }
 }
 
-fn finding(why: &str) -> ReconstructionFinding {
+fn missing(why: &str) -> Mesh {
     let detail = format!("there is no mesh: {why}");
-    ReconstructionFinding { code: "no_mesh".to_owned(), detail, views: Vec::new() }
+    Mesh::Missing(ReconstructionFinding { code: "no_mesh".to_owned(), detail, views: Vec::new() })
 }
 
 /// An argument with paths in place of the placeholders.

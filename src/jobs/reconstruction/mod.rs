@@ -35,7 +35,7 @@ use std::{
 use self::{
     commands::{Features, Plan, registered, steps},
     measured::{Found, pose_options},
-    mesh::{MeshFile, mesh},
+    mesh::{Mesh, MeshFile, mesh},
     model::Model,
     process::{Limits, Place, unwritable},
     surface::{Surface, surface},
@@ -121,13 +121,14 @@ pub fn run(
         true => Surface::WithoutMasks,
         false => surface(&folder, &folder.join("text"), found.poses.as_ref(), &phase)?,
     };
-    let mesh = match has_mesh && !found.model.images.is_empty() {
-        true => {
-            phase.progress(MESHING, 0, 1);
-            Some(mesh(&run.place, &colmap.mesh_command)?)
+    let (mut file_of_mesh, mut no_mesh) = (None, None);
+    if has_mesh && !found.model.images.is_empty() {
+        phase.progress(MESHING, 0, 1);
+        match mesh(&run.place, &colmap.mesh_command)? {
+            Mesh::Made(file) => file_of_mesh = Some(file),
+            Mesh::Missing(finding) => no_mesh = Some(finding),
         }
-        false => None,
-    };
+    }
     phase.progress("writing", 0, 1);
     let mut result = found.result(request);
     match &surface {
@@ -135,15 +136,9 @@ pub fn run(
         Surface::Impossible(finding) => result.findings.push(finding.clone()),
         Surface::WithoutMasks => {}
     }
-    let mesh = match mesh.transpose() {
-        Ok(mesh) => mesh,
-        Err(finding) => {
-            result.findings.push(finding);
-            None
-        }
-    };
+    result.findings.extend(no_mesh);
     let writer = ArtifactWriter::new(context, sink);
-    let written = write((&found, &surface, mesh.as_ref()), request, &writer, &folder, &log)?;
+    let written = write((&found, &surface, file_of_mesh.as_ref()), request, &writer, &folder, &log)?;
     phase.progress("writing", 1, 1);
     let (artifacts, files) = written.into_iter().unzip();
     let outcome = JobOutcome::Reconstruction(ReconstructionOutcome { artifacts, result });

@@ -1,6 +1,6 @@
-//! Rendered scans of which something went wrong, through one upload to the findings of a reconstruction that nobody asked
-//! for: a turntable that slips, a specimen that moves, and a view of another specimen. Pictures, sizes and views are as
-//! few as COLMAP needs.
+//! Rendered scans of which something went wrong, through one upload to the findings of a reconstruction that starts by
+//! itself: a turntable that slips, a specimen that moves, and a view of another specimen. Pictures, sizes and views are
+//! as few as COLMAP needs.
 
 use std::{collections::HashMap, fs};
 

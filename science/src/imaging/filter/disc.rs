@@ -64,11 +64,6 @@ impl Disc {
         rect.grown(self.reach(), width, height).in_squares(self.square_side(), width, height)
     }
 
-    /// The smallest window that gives the blurred `part` and contains `rect`.
-    pub fn window_around(&self, part: Rect, rect: Rect, width: usize, height: usize) -> Rect {
-        self.window(part, width, height).joined(rect).in_squares(self.square_side(), width, height)
-    }
-
     /// The blurred plane, of the same size. Beyond the border the border pixel is repeated.
     pub fn blurred(&self, plane: &Plane<f32>) -> Plane<f32> {
         self.blurred_in(plane, Rect::whole(plane.width, plane.height))

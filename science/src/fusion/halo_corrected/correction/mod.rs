@@ -151,8 +151,11 @@ fn apply<S: Sample, const C: usize>(
         correction.kind == Kind::Fattened || map.textured.at(x, y)
     };
     let blurred_rect = bounds_of(&has_detail, margin);
-    let with_blur_in =
-        |blurred: Option<Rect>| blurred.map_or(bounds, |part| disc.window_around(part, bounds, width, height));
+    // in the squares of the canvas, so that neither the tile nor the other pixels of the block matter
+    let with_blur_in = |part: Option<Rect>| {
+        let window = part.map_or(bounds, |part| disc.window(part, width, height).joined(bounds));
+        window.in_squares(disc.square_side(), width, height)
+    };
     let far_slice = slices.patch(far, with_blur_in(blurred_rect))?;
     let near_slice = slices.patch(near, with_blur_in(matte_rect))?;
     let blurred = blurred_rect.map(|part| far_slice.blurred(disc, part));
