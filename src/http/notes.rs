@@ -121,10 +121,10 @@ async fn delete(app: &App, caller: &Caller, of: impl Noted, id: Uuid) -> ApiResu
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// The endpoints of a kind of objects: module, extractor, tag, noun, base of the URL, the code for what is missing, and
-/// the parameters of the path.
+/// The endpoints of a kind of objects: module, extractor, tag, noun, base of the URL, the code for what is missing, the
+/// parameters of the path, and the response to an invalid name.
 macro_rules! endpoints {
-    ($module:ident, $key:ty, $tag:literal, $one:literal, $base:literal, $missing:literal, $(($name:literal, $what:literal)),+) => {
+    ($module:ident, $key:ty, $tag:literal, $one:literal, $base:literal, $missing:literal, $(($name:literal, $what:literal)),+; $($invalid:tt)*) => {
         #[doc = concat!("Those of a ", $one, ".")]
         pub mod $module {
             use axum::{Json, extract::State, http::StatusCode, response::Response};
@@ -145,7 +145,11 @@ macro_rules! endpoints {
                 summary = concat!("List the notes about a ", $one),
                 description = "What people wrote about it, the oldest first.",
                 params($(($name = String, Path, description = $what)),+),
-                responses((status = 200, description = "The notes", body = NoteList), (status = 404, description = $missing)),
+                responses(
+                    (status = 200, description = "The notes", body = NoteList),
+                    $($invalid)*
+                    (status = 404, description = $missing),
+                ),
             )]
             pub async fn list(State(app): State<App>, caller: Caller, of: $key) -> ApiResult<Json<NoteList>> {
                 super::list(&app, &caller, of).await
@@ -196,6 +200,7 @@ macro_rules! endpoints {
                 ),
                 responses(
                     (status = 204, description = "The note is deleted"),
+                    $($invalid)*
                     (status = 404, description = concat!($missing, "; `not_found`: no such note")),
                 )
             )]
@@ -218,7 +223,7 @@ endpoints!(
     "stack",
     "/v1/stacks/{id}",
     "`not_found`: no such stack",
-    ("id", "Id of the stack")
+    ("id", "Id of the stack");
 );
 endpoints!(
     scans,
@@ -227,7 +232,8 @@ endpoints!(
     "scan",
     "/v1/scans/{scan}",
     "`scan_not_found`",
-    ("scan", "Name of the scan")
+    ("scan", "Name of the scan");
+    (status = 400, description = "`invalid_request`: an invalid name"),
 );
 endpoints!(
     profiles,
@@ -237,5 +243,6 @@ endpoints!(
     "/v1/profiles/{rig}/{lens}",
     "`profile_not_found`",
     ("rig", "Name of the rig"),
-    ("lens", "Name of the lens")
+    ("lens", "Name of the lens");
+    (status = 400, description = "`invalid_request`: an invalid name"),
 );

@@ -116,7 +116,7 @@ def calls(client: Client, folder: Path) -> Dict[str, Callable[[], Any]]:
         "save_artifact": lambda: client.save_artifact(ID, "mask", folder / "mask.png"),
         "save_upload": lambda: client.save_upload(ID, folder / "sent.zip"),
         "list_scans": lambda: client.list_scans(rig="rig", lens="lens"),
-        "put_scan": lambda: client.put_scan("s", "rig", "lens", expected_views=2, reconstruct="auto", metadata={"a": "b"}),
+        "put_scan": lambda: client.put_scan("s", "rig", "l", expected_views=2, reconstruct="auto", metadata={"a": "b"}),
         "get_scan": lambda: client.get_scan("s"),
         "delete_scan": lambda: client.delete_scan("s", with_stacks=True),
         "group": lambda: client.group("s", ZIP, x="pan", x_degrees_per_unit=0.1, y_zero=3),

@@ -7,7 +7,7 @@ use tokio::{net::TcpListener, time::timeout};
 use super::finding::Finding;
 use crate::{
     cli::{files, memory},
-    jobs::reconstruction::{INSTALL, is_program},
+    jobs::reconstruction::{INSTALL, is_program, is_without_network},
     settings::Settings,
 };
 
@@ -120,7 +120,10 @@ pub(super) fn colmap(config: &Settings) -> Finding {
             let program = found.mesh_command.first().map_or("", String::as_str);
             Finding::problem("colmap", format!("there is no program {program} to make a mesh: correct mesh_command"))
         }
-        (Some(found), _) => Finding::ok("colmap", format!("reconstructions run {}", found.program.display())),
+        (Some(found), _) => {
+            let network = if is_without_network() { "without a network" } else { "with the network of this machine" };
+            Finding::ok("colmap", format!("reconstructions run {} {network}", found.program.display()))
+        }
         (None, _) if config.workers == 0 => Finding::ok("colmap", "not needed: no jobs run here (workers=0)"),
         (None, Some(path)) => {
             let detail = format!(

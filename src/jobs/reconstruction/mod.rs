@@ -16,6 +16,7 @@
 
 mod commands;
 mod findings;
+mod launch;
 mod measured;
 mod mesh;
 mod model;
@@ -61,6 +62,7 @@ use pinstack_science::{
     types::Control,
 };
 
+pub use launch::is_without_network;
 pub use program::{Colmap, INSTALL, find, is_program};
 
 /// Folder of the bundle within the scratch folder of the job.

@@ -2,22 +2,21 @@
 //!
 //! The program gets a fixed list of arguments, never a shell, and an environment without the settings of the service.
 //! It has a process group of its own, which is killed when the job must stop, when a limit is exceeded, and when the
-//! program ends. On Linux the system kills it too when this process is killed (`setpriv --pdeathsig`, if that program
-//! of util-linux is there).
+//! program ends. [`mod@launch`](super::launch) has what the system does besides.
 
 use std::{
     fs::{self, File},
     io::{self, Read, Seek, SeekFrom},
     os::unix::process::CommandExt,
     path::{Path, PathBuf},
-    process::{Child, Command, ExitStatus, Stdio},
+    process::{Child, ExitStatus, Stdio},
     thread,
     time::{Duration, Instant},
 };
 
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
-use super::program::in_path;
+use super::launch::command_of;
 use crate::{
     contract::{Code, Fault, JobError},
     jobs::ProgressSink,
@@ -130,14 +129,7 @@ impl Place<'_> {
     fn start(&self, program: &Path, arguments: &[String], what: &str) -> Result<Child, JobError> {
         let log = File::options().append(true).open(self.log).map_err(|error| unwritable(&error))?;
         let errors = log.try_clone().map_err(|error| unavailable(&error))?;
-        let mut command = match in_path("setpriv") {
-            Some(setpriv) => {
-                let mut command = Command::new(setpriv);
-                command.args(["--pdeathsig", "KILL", "--"]).arg(program);
-                command
-            }
-            None => Command::new(program),
-        };
+        let mut command = command_of(program);
         command.args(arguments).current_dir(self.folder).process_group(0);
         command.env_clear().env("HOME", self.folder).env("TMPDIR", self.folder);
         command.env("LC_ALL", "C.UTF-8").env("QT_QPA_PLATFORM", "offscreen");
