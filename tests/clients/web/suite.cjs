@@ -122,7 +122,7 @@ const scenarios = {
     const page = await opened(browser);
     await describe(page, 'new');
     await page.check('input[value=no_target]');
-    assert.deepEqual(await page.locator('[data-for]:visible label:visible').allTextContents(), ['Sensor width, mm', 'Pixel pitch, mm', 'Rail step, mm', 'What the rail moves']);
+    assert.deepEqual(await page.locator('[data-for]:visible label:visible').allTextContents(), ['Refine revision', 'Sensor width, mm', 'Pixel pitch, mm', 'Rail step, mm', 'What the rail moves']);
     await page.fill('#rail_step_mm', '0,5');
     await page.setInputFiles('#folder', path.join(folder, 'views'));
     await page.waitForSelector('#chosen table');
