@@ -11,7 +11,7 @@ use crate::imaging::{
 
 /// Above this radius, px, the image is blurred at half its size, above twice this radius at a quarter, and so on: a
 /// blurred image has no detail that the smaller size would lose.
-const COARSE_ABOVE: f32 = 6.0;
+const COARSE_ABOVE: f32 = 8.0;
 
 /// A disc of given radius.
 #[derive(Debug, Clone)]

@@ -43,8 +43,8 @@ use corrections::{Correction, Corrections, Kind};
 const MAX_BEYOND: f32 = 8.0;
 
 /// How far around a tile the decision map matters, px: what a disc of the largest radius reaches in
-/// [`defocus_spread`], where it is blurred in squares of four cells of 4 px.
-pub(super) const REACH: usize = MAX_RADIUS as usize + 32;
+/// [`defocus_spread`], where it is blurred in squares of two cells of 4 px.
+pub(super) const REACH: usize = MAX_RADIUS as usize + 16;
 
 /// Pixels of a row that are compared at once.
 const RUN: usize = 16;

@@ -59,7 +59,7 @@ fn a_tile_is_corrected_like_the_whole_canvas() {
     let measure = FocusMeasure::saliency(&GuidedParams::default());
     let aligned = align::align::<u8, 1>(&run, measure, None).expect("the first pass");
     let slices = WarpedSlices::<u8, 1>::new(&aligned, &NoControl);
-    // above 6 px, slices are blurred in squares; above 24 px, the cover is too
+    // above 8 px, slices are blurred in squares; above 32 px, the cover is too
     for radius in [5.0, 13.0, 27.0, 52.0] {
         let [mosaic, whole] = corrected(&slices, radius, Rect::whole(WIDTH, HEIGHT));
         let changed = mosaic.iter().zip(&whole).filter(|(before, after)| (*before - *after).abs() > 1.0).count();
