@@ -43,6 +43,22 @@ async fn a_scan_is_reconstructed_by_itself_once_wherever_the_service_is_killed()
     futures::future::join_all(killed.map(reconstructed_once)).await;
 }
 
+async fn put(client: &reqwest::Client, url: &str, body: &Value) {
+    let answer = client.put(url).json(body).send().await.expect("sent");
+    assert!(answer.status().is_success(), "{url}: {}", answer.status());
+}
+
+/// Makes the scan `bee` with a view that is fused; returns the path of its stack.
+async fn scan_of_one_view(client: &reqwest::Client, url: &str) -> String {
+    put(client, &format!("{url}/v1/profiles/rig/lens"), &profile()).await;
+    put(client, &format!("{url}/v1/scans/bee"), &serde_json::json!({ "rig": "rig", "lens": "lens" })).await;
+    let posted =
+        client.post(format!("{url}/v1/stacks?rig=rig&lens=lens&scan=bee")).body(zip()).send().await.expect("sent");
+    let stack = posted.headers()["location"].to_str().expect("a path").to_owned();
+    assert_eq!(ended(client, &format!("{url}{stack}")).await["state"], "succeeded");
+    stack
+}
+
 async fn reconstructed_once(killed: &str) {
     let folder = TempDir::new().expect("a folder");
     let (data, colmap) = (folder.path().join("data"), program(folder.path()));
@@ -52,16 +68,9 @@ async fn reconstructed_once(killed: &str) {
     let mut first = Service::start(&data, Some(&fault), &more).await.expect("it listens");
     let client = reqwest::Client::builder().no_proxy().build().expect("a client");
     let url = first.url.clone();
-    let put =
-        async |path: &str, body: &Value| client.put(format!("{url}{path}")).json(body).send().await.expect("sent");
-    put("/v1/profiles/rig/lens", &profile()).await;
-    put("/v1/scans/bee", &serde_json::json!({ "rig": "rig", "lens": "lens" })).await;
-    let posted =
-        client.post(format!("{url}/v1/stacks?rig=rig&lens=lens&scan=bee")).body(zip()).send().await.expect("sent");
-    let stack = posted.headers()["location"].to_str().expect("a path").to_owned();
-    assert_eq!(ended(&client, &format!("{url}{stack}")).await["state"], "succeeded");
+    let stack = scan_of_one_view(&client, &url).await;
     let auto = serde_json::json!({ "rig": "rig", "lens": "lens", "expected_views": 1, "reconstruct": "auto" });
-    assert!(put("/v1/scans/bee", &auto).await.status().is_success());
+    put(&client, &format!("{url}/v1/scans/bee"), &auto).await;
     first.ended().await;
 
     let second = Service::start(&data, None, &more).await.expect("it listens");
@@ -94,14 +103,7 @@ async fn a_reconstruction_whose_process_is_killed_is_run_again_and_its_program_e
     let mut first = Service::start(&data, None, &more).await.expect("it listens");
     let client = reqwest::Client::builder().no_proxy().build().expect("a client");
     let url = first.url.clone();
-    let put =
-        async |path: &str, body: &Value| client.put(format!("{url}{path}")).json(body).send().await.expect("sent");
-    put("/v1/profiles/rig/lens", &profile()).await;
-    put("/v1/scans/bee", &serde_json::json!({ "rig": "rig", "lens": "lens" })).await;
-    let posted =
-        client.post(format!("{url}/v1/stacks?rig=rig&lens=lens&scan=bee")).body(zip()).send().await.expect("sent");
-    let stack = posted.headers()["location"].to_str().expect("a path").to_owned();
-    assert_eq!(ended(&client, &format!("{url}{stack}")).await["state"], "succeeded");
+    scan_of_one_view(&client, &url).await;
     let posted = client.post(format!("{url}/v1/scans/bee/reconstructions")).send().await.expect("sent");
     let job = posted.headers()["location"].to_str().expect("a path").to_owned();
     let mark = folder.path().join("number");
